@@ -1,0 +1,1 @@
+"""Files: OpenSim tables, motions read from them, and solutions as tables."""

@@ -1,0 +1,300 @@
+"""The allocation of joint moments to muscles: one small convex quadratic program per window.
+
+    minimize    1/2 sum_i w_i (a_i - a0_i)^2 + 1/2 sum_j rho_j s_j^2
+    subject to  B a + s = Q,   lb <= a <= ub
+
+B (nv, n_muscle) are the joint moments at full activation, s the reserves. The dual has nv unknowns and, for fixed
+multipliers lambda, a = clip(a0 + B^T lambda/w, lb, ub) and s = lambda/rho, so B a + s = Q is a piecewise linear,
+monotone equation: it is solved by a semismooth Newton method with an exact line search (Qi & Sun 1993, doi
+10.1007/BF01581275), which ends after finitely many steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc.errors import SettingsError, SimulationError
+
+ELASTICITY = 1e-8
+"""Price of a reserve: moving a joint's whole strength to its reserve costs 1/(2 ELASTICITY) mean weights."""
+
+_ITERATIONS = 200
+_TOLERANCE = 1e-11
+_ROUNDING = 1e-15
+
+
+@dataclass(frozen=True)
+class Allocation:
+    """What the allocation found, with what proves it.
+
+    Attributes:
+        activation: (n_muscle,) within the bounds.
+        reserve: (nv,) N m or N, the part of Q that the muscles do not give: s = Q - B a.
+        multiplier: (nv,) lambda, in units of the cost per N m.
+        iterations: Newton steps taken; 0 for a qpsolvers back end.
+    """
+
+    activation: NDArray[np.float64]
+    reserve: NDArray[np.float64]
+    multiplier: NDArray[np.float64]
+    iterations: int
+
+
+@dataclass(frozen=True)
+class AllocationProblem:
+    """One problem; see the module's docstring for the equation.
+
+    Attributes:
+        B: (nv, n_muscle) N m at full activation.
+        Q: (nv,) N m that activation should supply.
+        lb: (n_muscle,) lowest activation that can be reached.
+        ub: (n_muscle,) highest activation that can be reached.
+        w: (n_muscle,) weights, positive.
+        a0: (n_muscle,) preferred activation.
+        rho: (nv,) price of a reserve, cost per (N m)^2.
+    """
+
+    B: NDArray[np.float64]
+    Q: NDArray[np.float64]
+    lb: NDArray[np.float64]
+    ub: NDArray[np.float64]
+    w: NDArray[np.float64]
+    a0: NDArray[np.float64]
+    rho: NDArray[np.float64]
+
+    def optimality_residual(self, solution: Allocation) -> float:
+        """The largest violation of the optimality conditions, each on its own scale.
+
+        Zero at the optimum: bounds, B a + s = Q, s = lambda/rho, and a = clip(a0 + B^T lambda/w, lb, ub).
+        """
+        a, s, y = solution.activation, solution.reserve, solution.multiplier
+        scale = row_scale(self.B)
+        bounds = max(0.0, float(np.max(self.lb - a)), float(np.max(a - self.ub)))
+        balance = float(np.max(np.abs(self.B @ a + s - self.Q) / scale))
+        price = float(np.max(np.abs(s - y / self.rho) / scale))
+        pull = self.a0 + self.B.T @ y / self.w
+        rounding = 1.0 + np.abs(self.B).T @ np.abs(y) / self.w  # cancellation where reserves are large
+        stationary = float(np.max(np.abs(a - np.clip(pull, self.lb, self.ub)) / rounding))
+        return max(bounds, balance, price, stationary)
+
+
+def row_scale(B: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(nv,) strength of each joint, N m: the sum of what its muscles give; 1 where it has none."""
+    strength = np.abs(B).sum(axis=1)
+    return np.where(strength > 1e-9, strength, 1.0)
+
+
+def build_problem(
+    B: NDArray[np.float64],
+    Q: NDArray[np.float64],
+    lb: NDArray[np.float64],
+    ub: NDArray[np.float64],
+    *,
+    w: NDArray[np.float64] | None = None,
+    a0: NDArray[np.float64] | None = None,
+    elasticity: float = ELASTICITY,
+) -> AllocationProblem:
+    """Put a problem together; the default cost is effort, sum a^2, with equal weights.
+
+    The price of a reserve is set against the joint's own strength, so that weak and strong joints fall short in
+    proportion: rho_j = mean(w)/(elasticity strength_j^2).
+
+    Args:
+        B: (nv, n_muscle) N m at full activation.
+        Q: (nv,) N m.
+        lb: (n_muscle,) lower bounds.
+        ub: (n_muscle,) upper bounds.
+        w: (n_muscle,) weights; 1 by default.
+        a0: (n_muscle,) preferred activation; 0 by default.
+        elasticity: small number, see `ELASTICITY`.
+
+    Raises:
+        SettingsError: a weight that is not positive, or bounds that cross.
+    """
+    n = B.shape[1]
+    weights = np.ones(n) if w is None else np.asarray(w, dtype=np.float64)
+    if not np.all(weights > 0):
+        raise SettingsError(f"weights must be positive; muscle {int(np.argmin(weights))} has {weights.min():g}")
+    if np.any(lb > ub):
+        i = int(np.argmax(lb - ub))
+        raise SettingsError(f"bounds of muscle {i} cross: {lb[i]:g} > {ub[i]:g}")
+    return AllocationProblem(
+        B=np.ascontiguousarray(B, dtype=np.float64),
+        Q=np.asarray(Q, dtype=np.float64),
+        lb=np.asarray(lb, dtype=np.float64),
+        ub=np.asarray(ub, dtype=np.float64),
+        w=weights,
+        a0=np.zeros(n) if a0 is None else np.asarray(a0, dtype=np.float64),
+        rho=weights.mean() / (elasticity * row_scale(B) ** 2),
+    )
+
+
+def allocate(problem: AllocationProblem, solver: str = "newton") -> Allocation:
+    """Solve one problem.
+
+    Args:
+        problem: see `build_problem`.
+        solver: ``"newton"`` (ours) or the name of an installed qpsolvers back end, for example ``"daqp"``.
+
+    Raises:
+        SettingsError: an unknown solver.
+        SimulationError: the problem holds a value that is not finite, or the solver did not find the optimum.
+    """
+    parts = (problem.B, problem.Q, problem.lb, problem.ub, problem.w, problem.a0, problem.rho)
+    if not all(np.isfinite(part).all() for part in parts):
+        raise SimulationError("the allocation holds a value that is not finite: the simulation has diverged")
+    if solver != "newton":
+        return _solve_with_qpsolvers(problem, solver)
+    scale = row_scale(problem.B)
+    a, y, iterations = _newton(
+        problem.B / scale[:, None], problem.Q / scale, problem.lb, problem.ub, problem.w, problem.a0,
+        1.0 / (problem.rho * scale**2),
+    )  # fmt: skip
+    if iterations < 0:  # did not settle: rounding on a hard vertex; an active-set method decides
+        return _solve_with_qpsolvers(problem, "daqp")
+    return Allocation(a, problem.Q - problem.B @ a, y / scale, iterations)
+
+
+@numba.njit(cache=True)
+def _newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
+    """Row-equilibrated dual Newton: returns a, lambda, iterations (negative where it did not settle)."""
+    nv, n = B.shape
+    y = np.zeros(nv)
+    a = np.empty(n)
+    z = np.empty(n)  # unclipped activation
+    dz = np.empty(n)
+    r = np.empty(nv)
+    H = np.empty((nv, nv))
+    d = np.empty(nv)
+    breaks = np.empty(2 * n)
+    slopes = np.empty(2 * n)
+    size_Q = 1.0
+    for j in range(nv):
+        size_Q = max(size_Q, abs(Q[j]))
+    last_worst = np.inf
+    for iteration in range(_ITERATIONS):
+        for i in range(n):
+            pull = 0.0
+            for j in range(nv):
+                pull += B[j, i] * y[j]
+            z[i] = a0[i] + pull / w[i]
+            a[i] = min(ub[i], max(lb[i], z[i]))
+        worst = 0.0
+        rounding = 0.0  # where reserves are large, so is y, and B^T y cancels
+        for j in range(nv):
+            r[j] = Q[j] - eps[j] * y[j]
+            noise = 0.0
+            for i in range(n):
+                r[j] -= B[j, i] * a[i]
+                if lb[i] < z[i] < ub[i]:
+                    for k in range(nv):
+                        noise += abs(B[j, i] * B[k, i] * y[k]) / w[i]
+            worst = max(worst, abs(r[j]))
+            rounding = max(rounding, _ROUNDING * noise)
+        if worst <= _TOLERANCE * size_Q or (worst <= rounding and worst > 0.5 * last_worst):
+            return a, y, iteration
+        last_worst = worst
+        for j in range(nv):
+            for k in range(j + 1):
+                H[j, k] = 0.0
+                for i in range(n):
+                    if lb[i] < z[i] < ub[i]:
+                        H[j, k] += B[j, i] * B[k, i] / w[i]
+            H[j, j] += eps[j]
+            d[j] = r[j]
+        _cholesky_solve(H, d)
+        # exact line search: d^T r(y + t d) is decreasing and piecewise linear in t
+        value, slope = 0.0, 0.0
+        for j in range(nv):
+            value += d[j] * r[j]
+            slope -= eps[j] * d[j] * d[j]
+        count = 0
+        for i in range(n):
+            pull = 0.0
+            for j in range(nv):
+                pull += B[j, i] * d[j]
+            dz[i] = pull / w[i]
+            if dz[i] == 0.0:
+                continue
+            change = w[i] * dz[i] * dz[i]
+            first = (lb[i] - z[i]) / dz[i] if dz[i] > 0.0 else (ub[i] - z[i]) / dz[i]  # becomes free
+            last = (ub[i] - z[i]) / dz[i] if dz[i] > 0.0 else (lb[i] - z[i]) / dz[i]  # is clipped again
+            if first <= 0.0 < last:
+                slope -= change
+            elif first > 0.0:
+                breaks[count], slopes[count] = first, -change
+                count += 1
+            if last > 0.0:
+                breaks[count], slopes[count] = last, change
+                count += 1
+        order = np.argsort(breaks[:count])
+        t = 0.0
+        for k in range(count):
+            at = breaks[order[k]]
+            next_value = value + slope * (at - t)
+            if next_value <= 0.0:
+                break
+            value, t = next_value, at
+            slope += slopes[order[k]]
+        t -= value / slope
+        if not t > 0.0:
+            return a, y, -1
+        for j in range(nv):
+            y[j] += t * d[j]
+    return a, y, -1
+
+
+@numba.njit(cache=True)
+def _cholesky_solve(H, d):  # type: ignore[no-untyped-def]
+    """Solve H x = d in place for a positive definite H given by its lower triangle."""
+    n = d.size
+    for j in range(n):
+        for k in range(j + 1):
+            total = H[j, k]
+            for i in range(k):
+                total -= H[j, i] * H[k, i]
+            H[j, k] = np.sqrt(total) if j == k else total / H[k, k]
+    for j in range(n):
+        for i in range(j):
+            d[j] -= H[j, i] * d[i]
+        d[j] /= H[j, j]
+    for j in range(n - 1, -1, -1):
+        for i in range(j + 1, n):
+            d[j] -= H[i, j] * d[i]
+        d[j] /= H[j, j]
+
+
+def _solve_with_qpsolvers(problem: AllocationProblem, solver: str) -> Allocation:
+    import qpsolvers  # .5 s to import, and only needed here
+
+    if solver not in qpsolvers.available_solvers:
+        raise SettingsError(
+            f"unknown QP solver {solver!r}; choose newton, {', '.join(sorted(qpsolvers.available_solvers))}"
+        )
+    scale = row_scale(problem.B)
+    nv, n = problem.B.shape
+    eps = 1.0 / (problem.rho * scale**2)
+    root = np.sqrt(eps)  # the reserve is scaled too, so that P has entries of one size
+    P = np.diag(np.concatenate([problem.w, np.ones(nv)]))
+    q = np.concatenate([-problem.w * problem.a0, np.zeros(nv)])
+    A = np.hstack([problem.B / scale[:, None], np.diag(root)])
+    lb = np.concatenate([problem.lb, np.full(nv, -np.inf)])
+    ub = np.concatenate([problem.ub, np.full(nv, np.inf)])
+    matrices: list[Any] = [P, A]
+    if solver in qpsolvers.sparse_solvers:
+        from scipy.sparse import csc_matrix
+
+        matrices = [csc_matrix(P), csc_matrix(A)]
+    found = qpsolvers.solve_problem(
+        qpsolvers.Problem(matrices[0], q, A=matrices[1], b=problem.Q / scale, lb=lb, ub=ub), solver=solver
+    )
+    if not found.found or found.x is None:
+        raise SimulationError(f"QP solver {solver!r} found no optimum; try solver 'newton' or 'daqp'")
+    a = np.clip(found.x[:n], problem.lb, problem.ub)
+    s = problem.Q - problem.B @ a
+    return Allocation(a, s, problem.rho * s, 0)

@@ -1,0 +1,210 @@
+"""Solutions as tables: pandas, .parquet, .csv, OpenSim's .sto, and xarray's .nc."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc.errors import MjhcmcError, OutputError
+from mjhcmc.io.files import written_whole
+from mjhcmc.solution import Solution
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+SUFFIXES = (".parquet", ".csv", ".sto", ".nc")
+
+_META = "mjhcmc"  # key of the metadata in a file
+
+# column prefix: (attribute, one label a muscle or a dof, one row a node or a window)
+_COLUMNS = {
+    "q": ("qpos", "dof", "node"),
+    "q_desired": ("qpos_desired", "dof", "node"),
+    "qvel": ("qvel", "dof", "node"),
+    "excitation": ("excitation", "muscle", "window"),
+    "activation": ("activation", "muscle", "node"),
+    "force": ("muscle_force", "muscle", "node"),
+    "moment": ("net_joint_moment", "dof", "node"),
+    "reserve": ("reserve", "dof", "window"),
+    "shortfall": ("shortfall", "dof", "window"),
+}
+
+
+def to_dataframe(solution: Solution) -> pd.DataFrame:
+    """See `Solution.to_dataframe`."""
+    import pandas as pd
+
+    data: dict[str, Any] = {"time": solution.time}
+    for prefix, (attribute, labels, rows) in _COLUMNS.items():
+        values = getattr(solution, attribute)
+        if rows == "window":
+            values = np.vstack([values, np.full((1, values.shape[1]), np.nan)])
+        names = solution.muscle_names if labels == "muscle" else solution.dof_names
+        data.update({f"{prefix}/{name}": values[:, i] for i, name in enumerate(names)})
+    data["status"] = pd.array([*solution.status.tolist(), None], dtype="Int64")
+    return pd.DataFrame(data)
+
+
+def to_xarray(solution: Solution) -> xr.Dataset:
+    """See `Solution.to_xarray`."""
+    try:
+        import xarray as xr
+    except ImportError as error:
+        raise OutputError("xarray is not installed: pip install 'mjhcmc[netcdf]'") from error
+
+    variables: dict[str, Any] = {"status": ("window", solution.status)}
+    for attribute, labels, rows in _COLUMNS.values():
+        variables[attribute] = ((rows, labels), getattr(solution, attribute))
+    variables["dof_is_rotation"] = ("dof", solution.dof_is_rotation)
+    coordinates = {
+        "time": ("node", solution.time),
+        "muscle": ("muscle", list(solution.muscle_names)),
+        "dof": ("dof", list(solution.dof_names)),
+    }
+    return xr.Dataset(variables, coordinates)
+
+
+def save_solution(solution: Solution, path: Path) -> Path:
+    """See `Solution.save`."""
+    suffix = _suffix(path)
+    if not path.parent.is_dir():
+        raise OutputError(f"{path}: folder {path.parent} does not exist: create it first")
+    meta = json.dumps(_metadata(solution)) if suffix != ".csv" else ""
+    with written_whole(path) as temporary:
+        if suffix == ".parquet":
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+
+            table = pa.Table.from_pandas(to_dataframe(solution), preserve_index=False)
+            table = table.replace_schema_metadata({**(table.schema.metadata or {}), _META.encode(): meta.encode()})
+            pq.write_table(table, temporary)
+        elif suffix == ".csv":
+            to_dataframe(solution).to_csv(temporary, index=False)
+        elif suffix == ".sto":
+            from mjhcmc.io.opensim import write_table
+
+            frame = to_dataframe(solution).astype(float)
+            names = [name for name in frame.columns if name != "time"]
+            write_table(
+                temporary, names, frame["time"].to_numpy(), frame[names].to_numpy(),
+                name="mjhcmc solution", in_degrees=False, extra={_META: meta},
+            )  # fmt: skip
+        else:
+            to_xarray(solution).assign_attrs({_META: meta}).to_netcdf(temporary, engine="scipy")
+    return path
+
+
+def load_solution(path: Path) -> Solution:
+    """See `Solution.load`."""
+    suffix = _suffix(path)
+    if not path.is_file():
+        raise OutputError(f"{path}: no such file")
+    try:
+        if suffix == ".nc":
+            return _from_netcdf(path)
+        meta: dict[str, Any] = {}
+        if suffix == ".parquet":
+            import pyarrow.parquet as pq
+
+            table = pq.read_table(path)
+            meta = json.loads((table.schema.metadata or {}).get(_META.encode(), b"{}"))
+            columns = {name: table[name].to_numpy().astype(float) for name in table.column_names}
+        elif suffix == ".csv":
+            import pandas as pd
+
+            frame = pd.read_csv(path)
+            columns = {name: frame[name].to_numpy(dtype=float) for name in frame.columns}
+        else:
+            from mjhcmc.io.opensim import read_table
+
+            read = read_table(path)
+            meta = json.loads(read.header.get(_META, "{}"))
+            columns = {"time": read.time, **dict(zip(read.columns, read.values.T, strict=True))}
+        return _from_columns(columns, meta)
+    except MjhcmcError as error:
+        raise OutputError(f"{path}: {error}" if str(path) not in str(error) else str(error)) from error
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        first = (str(error).splitlines() or [type(error).__name__])[0]
+        raise OutputError(f"{path}: is no solution that mjhcmc wrote ({first})") from error
+
+
+def _suffix(path: Path) -> str:
+    if path.suffix.lower() not in SUFFIXES:
+        raise OutputError(f"{path}: unknown suffix {path.suffix!r}: use one of {', '.join(SUFFIXES)}")
+    return path.suffix.lower()
+
+
+def _metadata(solution: Solution) -> dict[str, Any]:
+    return {
+        "settings": solution.settings,
+        "interrupted": solution.interrupted,
+        "dof_is_rotation": solution.dof_is_rotation.tolist(),
+        "verdict": solution.verdict.to_dict(),
+    }
+
+
+def _from_columns(columns: dict[str, NDArray[np.float64]], meta: dict[str, Any]) -> Solution:
+    labels: dict[str, list[str]] = {prefix: [] for prefix in _COLUMNS}
+    for column in columns:
+        prefix, slash, label = column.partition("/")
+        if slash and prefix in labels:
+            labels[prefix].append(label)
+    arrays: dict[str, NDArray[np.float64]] = {}
+    for prefix, (attribute, _, rows) in _COLUMNS.items():
+        if not labels[prefix]:
+            raise OutputError(f"no column {prefix}/...: is no solution that mjhcmc wrote")
+        values = np.column_stack([columns[f"{prefix}/{label}"] for label in labels[prefix]])
+        arrays[attribute] = values[:-1] if rows == "window" else values
+    return _assemble(
+        arrays, columns["time"], columns["status"][:-1], tuple(labels["activation"]), tuple(labels["moment"]), meta
+    )
+
+
+def _from_netcdf(path: Path) -> Solution:
+    try:
+        import xarray as xr
+    except ImportError as error:
+        raise OutputError(f"{path}: xarray is not installed: pip install 'mjhcmc[netcdf]'") from error
+    with xr.open_dataset(path, engine="scipy") as data:
+        data.load()
+    arrays = {attribute: data[attribute].to_numpy() for attribute, _, _ in _COLUMNS.values()}
+    muscles, dofs = (tuple(str(name) for name in data[key].to_numpy()) for key in ("muscle", "dof"))
+    return _assemble(
+        arrays,
+        data["time"].to_numpy(),
+        data["status"].to_numpy(),
+        muscles,
+        dofs,
+        json.loads(data.attrs.get(_META, "{}")),
+    )
+
+
+def _assemble(
+    arrays: dict[str, NDArray[np.float64]],
+    time: NDArray[np.float64],
+    status: NDArray[Any],
+    muscle_names: tuple[str, ...],
+    dof_names: tuple[str, ...],
+    meta: dict[str, Any],
+) -> Solution:
+    from mjhcmc.verify import Verdict
+
+    floats: dict[str, Any] = {name: np.array(values, dtype=np.float64, order="C") for name, values in arrays.items()}
+    rotation = meta.get("dof_is_rotation", [True] * len(dof_names))
+    return Solution(
+        time=np.array(time, dtype=np.float64),
+        tracking_error=floats["qpos"] - floats["qpos_desired"],
+        status=np.array(status, dtype=np.int64),
+        muscle_names=muscle_names,
+        dof_names=dof_names,
+        dof_is_rotation=np.array(rotation, dtype=bool),
+        settings=meta.get("settings", {"dt": float(time[1] - time[0])}),
+        interrupted=meta.get("interrupted", False),
+        stored_verdict=Verdict.from_dict(meta["verdict"]) if "verdict" in meta else None,
+        **floats,
+    )

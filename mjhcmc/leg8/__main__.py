@@ -1,0 +1,31 @@
+"""``python -m mjhcmc.leg8``: write the model's file (see ``--help``)."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from mjhcmc.errors import MjhcmcError
+from mjhcmc.leg8.builder import SOURCE_BODY_MASS, SOURCE_HEIGHT
+from mjhcmc.leg8.xml import write_leg8
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write leg8 to a file; returns the exit code, 2 on bad input."""
+    parser = argparse.ArgumentParser(prog="python -m mjhcmc.leg8", description="Write leg8 as an MJCF file.")
+    parser.add_argument("--out", type=Path, default=Path("assets/leg8.xml"), help="file to write (%(default)s)")
+    parser.add_argument("--mass", type=float, default=SOURCE_BODY_MASS, help="body mass, kg (%(default)s)")
+    parser.add_argument("--height", type=float, default=SOURCE_HEIGHT, help="stature, m (%(default)s)")
+    options = parser.parse_args(arguments)
+    try:
+        write_leg8(options.out, options.mass, options.height)
+    except MjhcmcError as error:
+        print(error, file=sys.stderr)
+        return 2
+    print(f"wrote {options.out}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,225 @@
+"""Solution: what a method found, window by window and node by node, with a status for each window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from enum import IntEnum
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc.errors import OutputError
+from mjhcmc.plant import RK4_LIMIT
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from mjhcmc.model import MuscleModel
+    from mjhcmc.verify import Verdict
+
+RESERVE_SHARE = 1e-3
+"""A window is flagged where a reserve exceeds this share of the joint's peak net moment."""
+
+_MOMENT_FLOOR = 0.01  # of the strongest joint's peak: a joint that carries nothing has no peak of its own
+
+
+class WindowStatus(IntEnum):
+    """How a control window went; of several findings the gravest stands."""
+
+    OK = 0
+    RESERVE = 1
+    UNMET = 2
+    STIFF = 3
+
+    @property
+    def message(self) -> str:
+        """What it means and what to do next."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    WindowStatus.OK: "the muscles gave the moments that were asked for",
+    WindowStatus.RESERVE: "a reserve helped: the muscles cannot give the moment in time; see the verdict for which",
+    WindowStatus.UNMET: "reserves are off and the muscles cannot give the moment in time: expect a tracking error",
+    WindowStatus.STIFF: "the active muscles are too stiff for the physics step: solve again with a smaller physics_dt",
+}
+
+
+def moment_scale(net_joint_moment: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(nv,) each joint's peak net moment, at least 1 % of the strongest joint's: what a reserve is measured by."""
+    peak = np.abs(net_joint_moment).max(axis=0)
+    return np.asarray(np.maximum(peak, max(_MOMENT_FLOOR * peak.max(initial=0.0), 1e-12)))
+
+
+def window_status(
+    moment: NDArray[np.float64],
+    reserve: NDArray[np.float64],
+    shortfall: NDArray[np.float64],
+    step_times_rate: NDArray[np.float64],
+) -> NDArray[np.int64]:
+    """(N,) `WindowStatus` of each window.
+
+    Args:
+        moment: (N+1, nv) N m, net joint moments.
+        reserve: (N, nv) N m.
+        shortfall: (N, nv) N m.
+        step_times_rate: (N,) physics step times the fastest decay rate at the window's end.
+    """
+    limit = RESERVE_SHARE * moment_scale(moment)
+    status = np.full(len(reserve), int(WindowStatus.OK), dtype=np.int64)
+    status[(np.abs(reserve) > limit).any(axis=1)] = WindowStatus.RESERVE
+    status[(np.abs(shortfall - reserve) > limit).any(axis=1)] = WindowStatus.UNMET
+    status[step_times_rate > RK4_LIMIT] = WindowStatus.STIFF
+    return status
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Excitations and everything that follows from them: N control windows between N + 1 nodes.
+
+    Attributes:
+        time: (N+1,) s, on the motion file's own clock.
+        excitation: (N, n_muscle) in [0, 1], constant over a window.
+        activation: (N+1, n_muscle).
+        qpos: (N+1, nq) rad or m, of the muscle-driven model.
+        qpos_desired: (N+1, nq) rad or m.
+        qvel: (N+1, nv) rad/s or m/s, of the muscle-driven model.
+        tracking_error: (N+1, nv) rad or m, actual minus desired.
+        net_joint_moment: (N+1, nv) N m or N: M q'' + bias - passive - external of the simulated motion, equal to
+            R^T F + reserve (the reserve of the window that starts at the node; last node: the last window's).
+        muscle_force: (N+1, n_muscle) N along the tendon, pulling positive: active, passive and fiber damping.
+        reserve: (N, nv) N m or N, constant over a window and applied to the plant.
+        shortfall: (N, nv) N m or N: what the muscles could not give at the window's end. The reserve where reserves
+            are on; where they are off, the part that nothing gave.
+        status: (N,) `WindowStatus`, as integers.
+        muscle_names: (n_muscle,).
+        dof_names: (nv,).
+        dof_is_rotation: (nv,) True where rad, False where m.
+        settings: how it was made: method, model, motion, dt, physics_dt and the method's own settings.
+        interrupted: True where the solve was stopped before the motion's end.
+        model: the model that was driven; None where the solution was read from a file.
+        stored_verdict: the verdict that a file held, if any.
+    """
+
+    time: NDArray[np.float64]
+    excitation: NDArray[np.float64]
+    activation: NDArray[np.float64]
+    qpos: NDArray[np.float64]
+    qpos_desired: NDArray[np.float64]
+    qvel: NDArray[np.float64]
+    tracking_error: NDArray[np.float64]
+    net_joint_moment: NDArray[np.float64]
+    muscle_force: NDArray[np.float64]
+    reserve: NDArray[np.float64]
+    shortfall: NDArray[np.float64]
+    status: NDArray[np.int64]
+    muscle_names: tuple[str, ...]
+    dof_names: tuple[str, ...]
+    dof_is_rotation: NDArray[np.bool_]
+    settings: dict[str, Any] = field(default_factory=dict)
+    interrupted: bool = False
+    model: MuscleModel | None = field(default=None, repr=False, compare=False)
+    stored_verdict: Verdict | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def n_window(self) -> int:
+        """Number of control windows, N."""
+        return len(self.status)
+
+    @property
+    def dt(self) -> float:
+        """Length of a control window, s."""
+        return float(self.settings["dt"])
+
+    @property
+    def peak_moment(self) -> NDArray[np.float64]:
+        """(nv,) N m or N: the largest |net joint moment| of each joint."""
+        return np.asarray(np.abs(self.net_joint_moment).max(axis=0))
+
+    def messages(self) -> list[str]:
+        """One line for each kind of status that occurs, with how many windows and the first time."""
+        lines = []
+        for status in WindowStatus:
+            windows = np.flatnonzero(self.status == status)
+            if windows.size and status != WindowStatus.OK:
+                lines.append(
+                    f"{windows.size} of {self.n_window} windows, first at {self.time[windows[0]]:.3f} s: "
+                    f"{status.message}"
+                )
+        return lines
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether the excitations can be believed; computed on first access (it replays them)."""
+        if self.stored_verdict is not None:
+            return self.stored_verdict
+        from mjhcmc.verify import judge
+
+        return judge(self)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the solution, by suffix: .parquet, .csv, .sto, or .nc (extra ``netcdf``).
+
+        The file holds the table of `to_dataframe`; .parquet, .sto and .nc also hold settings and verdict.
+
+        Raises:
+            OutputError: an unknown suffix, a folder that cannot be written, or a missing extra.
+        """
+        from mjhcmc.io.tables import save_solution
+
+        return save_solution(self, Path(path))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Solution:
+        """Read a solution that `save` wrote.
+
+        A .csv holds no settings and no verdict: its verdict is judged from the table, without replay.
+
+        Raises:
+            OutputError: the file cannot be read, or is no solution.
+        """
+        from mjhcmc.io.tables import load_solution
+
+        return load_solution(Path(path))
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a node: time, then q/, q_desired/, qvel/, excitation/, activation/, force/, moment/ ..., status.
+
+        SI units and radians; columns of a window (excitation, reserve, shortfall, status) are empty in the last row.
+        """
+        from mjhcmc.io.tables import to_dataframe
+
+        return to_dataframe(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """The same as a Dataset with dimensions node, window, muscle, dof (extra ``netcdf``)."""
+        from mjhcmc.io.tables import to_xarray
+
+        return to_xarray(self)
+
+    def __post_init__(self) -> None:
+        """Check that the arrays fit together, and make them read-only."""
+        n, m, v = len(self.time) - 1, len(self.muscle_names), len(self.dof_names)
+        shapes = {
+            "time": (n + 1,),
+            "excitation": (n, m),
+            "activation": (n + 1, m),
+            "qvel": (n + 1, v),
+            "tracking_error": (n + 1, v),
+            "net_joint_moment": (n + 1, v),
+            "muscle_force": (n + 1, m),
+            "reserve": (n, v),
+            "shortfall": (n, v),
+            "status": (n,),
+        }
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise OutputError(f"solution: {name} has shape {getattr(self, name).shape}, expected {shape}")
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False

@@ -1,0 +1,110 @@
+"""A solution in numbers: plain values for JSON, and a table for the screen. Degrees here, where a person reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc.solution import Solution
+
+
+def numbers(solution: Solution) -> dict[str, Any]:
+    """What the table shows, as plain values for JSON.
+
+    Angles in degrees, moments in N m; at a slide the same keys hold m and N. By joint: ``max_error_deg``,
+    ``rmse_deg`` (root of the mean square over the N+1 nodes), ``peak_moment_nm``, ``peak_reserve_nm``,
+    ``replay_max_error_deg`` (None where the solution does not know its model); ``peak_excitation`` by muscle;
+    ``verdict`` with ``passed`` and ``findings``.
+    """
+    verdict, scale = solution.verdict, _scale(solution)
+    joints = solution.dof_names
+
+    def by_joint(values: Sequence[float] | NDArray[np.float64] | None) -> dict[str, float] | None:
+        if values is None:
+            return None
+        return {name: float(value) for name, value in zip(joints, values, strict=True)}
+
+    return {
+        "max_error_deg": by_joint(np.array(verdict.tracking_max) * scale),
+        "rmse_deg": by_joint(np.array(verdict.tracking_rms) * scale),
+        "peak_excitation": dict(zip(solution.muscle_names, solution.excitation.max(axis=0).tolist(), strict=True)),
+        "peak_moment_nm": by_joint(solution.peak_moment),
+        "peak_reserve_nm": by_joint(verdict.peak_reserve),
+        "replay_max_error_deg": by_joint(
+            None if verdict.replay_max_error is None else np.array(verdict.replay_max_error) * scale
+        ),
+        "verdict": {"passed": verdict.passed, "findings": list(verdict.findings)},
+    }
+
+
+def _scale(solution: Solution) -> NDArray[np.float64]:
+    return np.where(solution.dof_is_rotation, 180 / np.pi, 1.0)
+
+
+def screen(solution: Solution) -> str:
+    """One screen: joints, muscles, status, verdict."""
+    values = numbers(solution)
+    settings = solution.settings
+    lines = [
+        f"{settings.get('method', '?')} on {settings.get('model', '?')}, {settings.get('motion', '?')}: "
+        f"{solution.n_window} windows of {1e3 * solution.dt:g} ms, {solution.time[0]:g} to {solution.time[-1]:g} s",
+        "",
+        *_joint_table(solution, values),
+        "",
+        *_muscle_table(values["peak_excitation"], solution),
+        "",
+        *[f"status   {line}" for line in solution.messages()],
+        *verdict_lines(values["verdict"]),
+    ]
+    return "\n".join(lines)
+
+
+def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
+    """The verdict in words, one line and one more for each finding."""
+    word = "holds: reserves <= 5 % of peak moment, tracking RMS <= 1 deg" if verdict["passed"] else "FAILS"
+    return [f"verdict  {word}", *[f"         {finding}" for finding in verdict["findings"]]]
+
+
+def _joint_table(solution: Solution, values: Mapping[str, Any]) -> list[str]:
+    rows = [["joint", "max error", "RMS error", "peak moment", "peak reserve", "replay error"]]
+    share = solution.verdict.peak_reserve_share
+    for j, name in enumerate(solution.dof_names):
+        angle, moment = ("deg", "N m") if solution.dof_is_rotation[j] else ("m", "N")
+        replay = values["replay_max_error_deg"]
+        rows.append(
+            [
+                name,
+                f"{values['max_error_deg'][name]:.3g} {angle}",
+                f"{values['rmse_deg'][name]:.3g} {angle}",
+                f"{values['peak_moment_nm'][name]:.3g} {moment}",
+                f"{values['peak_reserve_nm'][name]:.2g} {moment} ({100 * share[j]:.2g} %)",
+                "-" if replay is None else f"{replay[name]:.2g} {angle}",
+            ]
+        )
+    return columns(rows)
+
+
+def _muscle_table(peaks: Mapping[str, float], solution: Solution) -> list[str]:
+    mean = solution.excitation.mean(axis=0)
+    rows = [["muscle", "peak excitation", "mean", ""]]
+    for i, (name, peak) in enumerate(peaks.items()):
+        rows.append([name, f"{peak:.3f}", f"{mean[i]:.3f}", "#" * round(20 * peak)])
+    if len(rows) > 25:
+        rows = [*rows[:25], [f"... {len(rows) - 25} more in the table", "", "", ""]]
+    return columns(rows)
+
+
+def columns(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of text as aligned columns; the first column left, the others right but for bars."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [
+            cell.ljust(width) if i == 0 or set(cell) <= {"#"} else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return lines

@@ -1,0 +1,230 @@
+"""Verdict: can the excitations be believed? Reserves and tracking decide; replay shows that nothing else was at work.
+
+Thresholds: reserves at most 5 % of the joint's peak moment (half of what OpenSim's published checklist for CMC
+allows), tracking RMS at most 1 deg (Thelen & Anderson 2006, doi 10.1016/j.jbiomech.2005.02.010).
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc.errors import SimulationError
+from mjhcmc.plant import physics_steps
+from mjhcmc.solution import Solution, WindowStatus, moment_scale
+
+MAX_RESERVE_SHARE = 0.05
+MAX_TRACKING_RMS = np.deg2rad(1.0)
+MAX_TRACKING_RMS_SLIDE = 0.01
+"""m; the counterpart of 1 deg at a slide (OpenSim's checklist: pelvis translations within 1-2 cm)."""
+
+REPLAY_DT = 1e-4
+"""s; a tenth of the default physics step, so that the replay also shows the step's own error."""
+
+_CHUNK = 65536  # control rows handed to the engine at once: bounds memory on long motions
+_SATURATED = 0.999
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What decides, what it came to, and in words what is wrong.
+
+    Attributes:
+        passed: peak reserve at most 5 % of peak moment and tracking RMS at most 1 deg, at every joint.
+        dof_names: (nv,).
+        peak_reserve: (nv,) N m or N.
+        peak_reserve_share: (nv,) of the joint's peak net moment (see `solution.moment_scale`).
+        tracking_rms: (nv,) rad or m, over the nodes.
+        tracking_max: (nv,) rad or m.
+        replay_max_error: (nv,) rad or m, open loop from the first node against the recorded motion; None where the
+            solution does not know its model. Informs, never decides.
+        replay_window_max_error: (nv,) rad or m, each window from its recorded node; None likewise.
+        findings: one line each: joint, how much, when, which muscles.
+    """
+
+    passed: bool
+    dof_names: tuple[str, ...]
+    peak_reserve: tuple[float, ...]
+    peak_reserve_share: tuple[float, ...]
+    tracking_rms: tuple[float, ...]
+    tracking_max: tuple[float, ...]
+    replay_max_error: tuple[float, ...] | None
+    replay_window_max_error: tuple[float, ...] | None
+    findings: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON; angles in rad, as the names of the attributes say."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Verdict:
+        """The inverse of `to_dict`, also after a trip through JSON."""
+        tuples: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+        return cls(**tuples)
+
+
+def judge(solution: Solution) -> Verdict:
+    """The verdict on a solution; replays it where it knows its model."""
+    scale = moment_scale(solution.net_joint_moment)
+    peak_reserve = np.abs(solution.reserve).max(axis=0)
+    share = peak_reserve / scale
+    error = solution.tracking_error
+    rms = np.sqrt((error**2).mean(axis=0))
+    limit = np.where(solution.dof_is_rotation, MAX_TRACKING_RMS, MAX_TRACKING_RMS_SLIDE)
+    open_loop = window = None
+    if solution.model is not None:
+        open_loop = _floats(np.abs(replay(solution) - solution.qpos).max(axis=0))
+        window = _floats(np.abs(replay_windows(solution) - solution.qpos).max(axis=0))
+    return Verdict(
+        passed=bool((share <= MAX_RESERVE_SHARE).all() and (rms <= limit).all() and not solution.interrupted),
+        dof_names=solution.dof_names,
+        peak_reserve=_floats(peak_reserve),
+        peak_reserve_share=_floats(share),
+        tracking_rms=_floats(rms),
+        tracking_max=_floats(np.abs(error).max(axis=0)),
+        replay_max_error=open_loop,
+        replay_window_max_error=window,
+        findings=tuple(_findings(solution, share, rms, limit)),
+    )
+
+
+def _floats(values: NDArray[np.float64]) -> tuple[float, ...]:
+    return tuple(float(v) for v in values)
+
+
+def _findings(
+    solution: Solution, share: NDArray[np.float64], rms: NDArray[np.float64], limit: NDArray[np.float64]
+) -> list[str]:
+    found = []
+    if solution.interrupted:
+        found.append(f"interrupted at {solution.time[-1]:.3f} s: the rest of the motion was not solved")
+    for j, name in enumerate(solution.dof_names):
+        unit = "N m" if solution.dof_is_rotation[j] else "N"
+        k = int(np.argmax(np.abs(solution.shortfall[:, j])))
+        lacking = float(solution.shortfall[k, j])
+        part = abs(lacking) / moment_scale(solution.net_joint_moment)[j]
+        if solution.status[k] in (WindowStatus.RESERVE, WindowStatus.UNMET) and part > 1e-3:
+            given = "reserve" if np.any(solution.reserve) else "unmet moment"
+            verb = "exceeds" if share[j] > MAX_RESERVE_SHARE else "is within"
+            found.append(
+                f"{name}: {given} of {lacking:.3g} {unit} at {solution.time[k]:.3f} s, {100 * part:.3g} % of the peak "
+                f"moment ({verb} {100 * MAX_RESERVE_SHARE:g} %); {_saturated(solution, k)}"
+            )
+    for j, name in enumerate(solution.dof_names):
+        if rms[j] > limit[j]:
+            k = int(np.argmax(np.abs(solution.tracking_error[:, j])))
+            unit, factor = ("deg", 180 / np.pi) if solution.dof_is_rotation[j] else ("m", 1.0)
+            found.append(
+                f"{name}: tracking RMS {rms[j] * factor:.3g} {unit} exceeds {limit[j] * factor:g} {unit}; worst "
+                f"{solution.tracking_error[k, j] * factor:.3g} {unit} at {solution.time[k]:.3f} s"
+            )
+    stiff = np.flatnonzero(solution.status == WindowStatus.STIFF)
+    if stiff.size:
+        found.append(f"{stiff.size} windows, first at {solution.time[stiff[0]]:.3f} s: {WindowStatus.STIFF.message}")
+    return found
+
+
+def _saturated(solution: Solution, k: int) -> str:
+    names = [m for m, u in zip(solution.muscle_names, solution.excitation[k], strict=True) if u >= _SATURATED]
+    return f"at full excitation: {', '.join(names)}" if names else "no muscle at full excitation"
+
+
+def replay(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.float64]:
+    """Play the excitations and recorded reserves in a plain forward simulation, open loop, no feedback.
+
+    Args:
+        solution: with its model.
+        physics_dt: s, physics step; rounded down to a divisor of the solution's dt.
+
+    Returns:
+        (N+1, nq) rad or m at the nodes, starting from the recorded first node.
+
+    Raises:
+        SimulationError: the solution does not know its model (it was read from a file).
+    """
+    engine = _Engine(solution, physics_dt)
+    rows = [engine.state(0)]
+    per_chunk = max(1, _CHUNK // engine.n_step)
+    for first in range(0, solution.n_window, per_chunk):
+        chunk = np.arange(first, min(first + per_chunk, solution.n_window))
+        inputs = np.repeat(engine.inputs(chunk), engine.n_step, axis=0)
+        states = engine.roll(rows[-1][None], inputs[None])[0]
+        rows.extend(states[engine.n_step - 1 :: engine.n_step])
+    return engine.positions(np.array(rows))
+
+
+def replay_windows(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.float64]:
+    """As `replay`, but each window starts from its recorded node: errors do not grow along the motion.
+
+    Returns:
+        (N+1, nq) rad or m: the recorded first node, then the end of each window.
+    """
+    engine = _Engine(solution, physics_dt)
+    rows = [engine.state(0)[None]]
+    per_chunk = max(1, _CHUNK // engine.n_step)
+    for first in range(0, solution.n_window, per_chunk):
+        chunk = np.arange(first, min(first + per_chunk, solution.n_window))
+        starts = np.array([engine.state(int(k)) for k in chunk])
+        inputs = np.repeat(engine.inputs(chunk)[:, None], engine.n_step, axis=1)
+        rows.append(engine.roll(starts, inputs)[:, -1])
+    return engine.positions(np.concatenate(rows))
+
+
+class _Engine:
+    """MuJoCo's own rollout over a solution's inputs."""
+
+    def __init__(self, solution: Solution, physics_dt: float) -> None:
+        if solution.model is None:
+            raise SimulationError(
+                "this solution was read from a file and does not know its model: solve again to replay"
+            )
+        self.solution, self.model = solution, solution.model
+        self.n_step = physics_steps(solution.dt, physics_dt)
+        self.mj_model = copy.deepcopy(self.model.mj_model)
+        self.mj_model.opt.timestep = solution.dt / self.n_step
+        self.mj_data = mujoco.MjData(self.mj_model)
+        self.full = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        self.input = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+
+    def state(self, k: int) -> NDArray[np.float64]:
+        """Full physics state of node k."""
+        d, s = self.mj_data, self.solution
+        mujoco.mj_resetData(self.mj_model, d)
+        d.time, d.qpos[:], d.qvel[:] = s.time[k], s.qpos[k], s.qvel[k]
+        d.act[self.model.act_index] = s.activation[k]
+        return self._get(self.full)
+
+    def inputs(self, windows: NDArray[np.intp]) -> NDArray[np.float64]:
+        """(n, n_input) excitation and reserve of windows, as the engine wants them."""
+        d, s = self.mj_data, self.solution
+        rows = []
+        for k in windows:
+            d.ctrl[self.model.ctrl_index] = s.excitation[k]
+            d.qfrc_applied[:] = s.reserve[k]
+            rows.append(self._get(self.input))
+        return np.array(rows)
+
+    def _get(self, signature: int) -> NDArray[np.float64]:
+        out = np.empty(mujoco.mj_stateSize(self.mj_model, signature))
+        mujoco.mj_getState(self.mj_model, self.mj_data, out, signature)
+        return out
+
+    def roll(self, starts: NDArray[np.float64], inputs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(batch, n_step, n_state) from starts (batch, n_state) under inputs (batch, n_step, n_input)."""
+        from mujoco import rollout
+
+        states, _ = rollout.rollout(
+            self.mj_model, self.mj_data, np.ascontiguousarray(starts), np.ascontiguousarray(inputs),
+            control_spec=self.input,
+        )  # fmt: skip
+        return np.asarray(states)
+
+    def positions(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, nq) out of full physics states (n, n_state)."""
+        first = mujoco.mj_stateSize(self.mj_model, int(mujoco.mjtState.mjSTATE_TIME))
+        return states[:, first : first + self.mj_model.nq]
