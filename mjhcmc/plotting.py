@@ -32,15 +32,21 @@ PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4
 
 _BLUE, _VERMILLION, _GREEN, _PURPLE, _ORANGE, _SKY, _GRAY = PALETTE
 _METHOD_COLOR = {"hcmc": _BLUE, "cmc": _VERMILLION, "static": _GREEN}
-_METHOD_TITLE = {"hcmc": "HCMC", "cmc": "CMC", "static": "Static optimization"}
-_INK, _SOFT, _GRID, _DESIRED = "#262626", "#6B6B6B", "#E8E8E8", "#C4C4C4"
-_SATURATED, _FLAGGED = "#FBE3D0", "#ECECEC"
-_STYLE: dict[str, Any] = {
+_METHOD_TITLE = {"hcmc": "HCMC", "cmc": "CMC", "static": "static optimization"}
+_STATUS_TITLE = {
+    WindowStatus.RESERVE: "reserve in use",
+    WindowStatus.UNMET: "moment unmet",
+    WindowStatus.STIFF: "too stiff for the step",
+}
+_INK, _SOFT, _AXIS, _GRID, _DESIRED = "#262626", "#6B6B6B", "#9A9A9A", "#E8E8E8", "#C4C4C4"
+_SATURATED, _FLAGGED = "#FBF0AE", "#EDEDED"
+
+_STYLE: Any = {
     "font.family": "DejaVu Sans",  # ships with matplotlib: figures look the same everywhere
     "font.size": 8.0,
     "text.color": _INK,
     "text.usetex": False,
-    "axes.edgecolor": "#9A9A9A",
+    "axes.edgecolor": _AXIS,
     "axes.facecolor": "white",
     "axes.labelcolor": _SOFT,
     "axes.labelsize": 8.0,
@@ -63,6 +69,7 @@ _STYLE: dict[str, Any] = {
 }
 _PNG_DPI = 200
 _SATURATION = 0.999
+_FULL, _BAR = 1.05, 0.05  # top of the shaded part of an excitation panel; a status bar above it
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -89,63 +96,67 @@ def excitation_figure(solution: Solution | Mapping[str, Solution]) -> Figure:
     with _style():
         sheet = _Sheet(
             math.ceil(len(muscles) / n_column), n_column,
-            panel=(2.2 if n_column < 6 else 1.65, 1.12), gap=(0.22, 0.36),
+            panel=(2.2 if n_column < 6 else 1.65, 1.12), gap=(0.32, 0.36),
             title=f"Muscle excitation · {_headline(list(solutions.values()))}",
             entries=_excitation_legend(solutions, colors),
         )  # fmt: skip
         first = min(s.time[0] for s in solutions.values())
         last = max(s.time[-1] for s in solutions.values())
+        flagged = any((s.status != WindowStatus.OK).any() for s in solutions.values())
+        top = _FULL + _BAR * len(solutions) if flagged and len(solutions) > 1 else _FULL
         for i, name in enumerate(muscles):
             ax = sheet.panel(i // n_column, i % n_column, name)
             for rank, (label, one) in enumerate(solutions.items()):
                 if name in one.muscle_names:
-                    _draw_muscle(ax, one, one.muscle_names.index(name), colors[label], rank, len(solutions))
+                    _draw_muscle(ax, one, one.muscle_names.index(name), colors[label], rank, len(solutions) == 1)
             ax.set_xlim(first, last)
-            ax.set_ylim(-0.02, 1.06)
+            ax.set_ylim(-0.02, top)
             ax.set_yticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
             if i % n_column == 0:
-                sheet.label_values(ax, "0 to 1 (–)")
+                sheet.label_values(ax, "excitation (–)", 0.3)
             else:
                 ax.tick_params(axis="y", labelleft=False)
             _finish(ax, time_label=i + n_column >= len(muscles))
     return sheet.figure
 
 
-def _draw_muscle(ax: Axes, solution: Solution, j: int, color: str, rank: int, count: int) -> None:
-    time, excitation = solution.time, solution.excitation[:, j]
+def _draw_muscle(ax: Axes, solution: Solution, j: int, color: str, rank: int, alone: bool) -> None:
+    from matplotlib.colors import to_rgba
+
+    time, excitation, activation = solution.time, solution.excitation[:, j], solution.activation[:, j]
     flagged = solution.status != WindowStatus.OK
-    if count == 1:
-        _shade(ax, time, flagged, _FLAGGED, (0.0, 1.0))
-        _shade(ax, time, excitation >= _SATURATION, _SATURATED, (0.0, 1.0))
-        ax.stairs(excitation, time, fill=True, color=color, alpha=0.16, lw=0, zorder=1.5)
+    if alone:
+        _shade(ax, time, flagged, _FLAGGED, (0.0, _FULL), zorder=0.4)
+        ax.stairs(excitation, time, fill=True, color=color, alpha=0.16, lw=0, zorder=1.5, label="fill")
+        _shade(ax, time, excitation >= _SATURATION, _SATURATED, (0.0, _FULL), zorder=1.6)
     else:
-        _shade(ax, time, flagged, color, (1.0 - 0.035 * (rank + 1), 0.03))
-    # The label tells an excitation from its fill, for those who restyle the figure.
-    ax.stairs(excitation, time, baseline=None, color=color, lw=1.1, alpha=0.75, zorder=2 + rank, label="excitation")
-    ax.plot(time, solution.activation[:, j], color=_darker(color), lw=0.8, zorder=2.5 + rank, label="activation")
+        _shade(ax, time, flagged, color, (_FULL + _BAR * rank, 0.7 * _BAR), zorder=1.6)
+    ax.stairs(excitation, time, baseline=None, color=color, lw=1.1, alpha=0.8, zorder=2.0 + rank, label="excitation")
+    hue, width = ((*_darker(color), 1.0), 0.8) if alone else (to_rgba(color, 0.6), 0.7)
+    ax.plot(time, activation, color=hue, lw=width, zorder=2.5 + rank, label="activation")
 
 
 def _excitation_legend(solutions: Mapping[str, Solution], colors: Mapping[str, str]) -> list[Artist]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    flagged = any((s.status != WindowStatus.OK).any() for s in solutions.values())
+    found = {int(k) for s in solutions.values() for k in s.status}
+    kinds = [title for status, title in _STATUS_TITLE.items() if status in found]
     if len(solutions) > 1:
         entries: list[Artist] = [Line2D([], [], color=colors[k], lw=1.8, label=k) for k in solutions]
         entries.append(Line2D([], [], color=_GRAY, lw=1.1, drawstyle="steps", label="step: excitation"))
-        entries.append(Line2D([], [], color=_GRAY, lw=0.8, label="thin: activation"))
-        if flagged:
-            entries.append(Patch(color=_GRAY, lw=0, label="bar at the top: window not OK"))
+        entries.append(Line2D([], [], color=_GRAY, lw=0.7, alpha=0.6, label="thin: activation"))
+        if kinds:
+            entries.append(Patch(color=_GRAY, lw=0, label="bar at the top: " + ", ".join(kinds)))
         return entries
-    ((_, one),) = solutions.items()
-    color = next(iter(colors.values()))
+    ((label, one),) = solutions.items()
+    color = colors[label]
     step = Patch(fc=(color, 0.16), ec=(color, 0.75), lw=1.1, label="excitation")
     entries = [step, Line2D([], [], color=_darker(color), lw=0.8, label="activation")]
     if (one.excitation >= _SATURATION).any():
         entries.append(Patch(color=_SATURATED, lw=0, label="saturated"))
-    if flagged:
-        kinds = sorted({WindowStatus(k).name for k in one.status} - {WindowStatus.OK.name})
-        entries.append(Patch(color=_FLAGGED, lw=0, label=f"status {', '.join(kinds)}"))
+    if kinds:
+        entries.append(Patch(color=_FLAGGED, lw=0, label=", ".join(kinds)))
     return entries
 
 
@@ -170,10 +181,9 @@ def tracking_figure(solution: Solution) -> Figure:
         )  # fmt: skip
         for j, name in enumerate(solution.dof_names):
             row, column = 3 * (j // n_column), j % n_column
-            draw = (_draw_angle, _draw_error, _draw_moment)
-            for i, panel in enumerate(draw):
+            for i, draw in enumerate((_draw_angle, _draw_error, _draw_moment)):
                 ax = sheet.panel(row + i, column, name if i == 0 else None)
-                panel(sheet, ax, solution, j)
+                draw(sheet, ax, solution, j)
                 ax.set_xlim(solution.time[0], solution.time[-1])
                 _finish(ax, time_label=i == 2)
     return sheet.figure
@@ -189,32 +199,34 @@ def _draw_angle(sheet: _Sheet, ax: Axes, solution: Solution, j: int) -> None:
     desired, actual = solution.qpos_desired[:, j] * factor, solution.qpos[:, j] * factor
     ax.plot(solution.time, desired, color=_DESIRED, lw=4.0, solid_capstyle="round", label="desired")
     ax.plot(solution.time, actual, color=_BLUE, lw=1.1, label="actual")
-    _scale_values(sheet, ax, "angle" if unit == "deg" else "position", unit, [desired, actual])
+    _scale_values(sheet, ax, "angle" if unit == "deg" else "position", unit, [desired, actual], headroom=0.1)
 
 
 def _draw_error(sheet: _Sheet, ax: Axes, solution: Solution, j: int) -> None:
     unit, factor = _unit(solution, j)
     error = solution.tracking_error[:, j] * factor
-    ax.axhline(0.0, color="#9A9A9A", lw=0.6, zorder=1.5)
+    ax.axhline(0.0, color=_AXIS, lw=0.6, zorder=1.5)
     ax.plot(solution.time, error, color=_VERMILLION, lw=1.1, label="tracking error")
     _scale_values(sheet, ax, "error", unit, [error])
     k = int(np.argmax(np.where(np.isfinite(error), np.abs(error), -1.0)))
     ax.plot(solution.time[k], error[k], "o", ms=3.4, mfc="white", mec=_VERMILLION, mew=1.0, label="max")
-    _note(ax, f"max {abs(error[k]):.3g} {unit} at {solution.time[k]:.3g} s")
+    _note(ax, f"max {_number(abs(error[k]))} {unit} at {solution.time[k]:.3g} s")
 
 
 def _draw_moment(sheet: _Sheet, ax: Axes, solution: Solution, j: int) -> None:
     quantity, unit = ("moment", "N m") if solution.dof_is_rotation[j] else ("force", "N")
     word, part = _missing(solution)
     moment, missing = solution.net_joint_moment[:, j], part[:, j]
-    ax.axhline(0.0, color="#9A9A9A", lw=0.6, zorder=1.5)
+    ax.axhline(0.0, color=_AXIS, lw=0.6, zorder=1.5)
     ax.stairs(missing, solution.time, fill=True, color=_ORANGE, alpha=0.65, lw=0, zorder=1.8, label=word)
     ax.plot(solution.time, moment, color=_GREEN, lw=1.1, label=f"net joint {quantity}")
     _scale_values(sheet, ax, quantity, unit, [moment, missing])
     peak = float(np.abs(missing).max(initial=0.0))
     share = 100 * peak / moment_scale(solution.net_joint_moment)[j]
-    percent = "under 0.01" if share < 0.01 else f"{share:.2g}" if share < 10 else f"{share:.0f}"
-    _note(ax, f"{word} {peak:.2g} {unit}, {percent} % of peak" if peak else f"{word} zero")
+    if share >= 0.01:
+        _note(ax, f"{word} {_number(peak)} {unit}, {share:{'.2g' if share < 10 else '.0f'}} % of peak")
+    else:
+        _note(ax, f"{word} under 0.01 % of peak" if peak else f"{word} zero")
 
 
 def _missing(solution: Solution) -> tuple[str, NDArray[np.float64]]:
@@ -229,7 +241,7 @@ def _tracking_legend(solution: Solution) -> list[Artist]:
     from matplotlib.patches import Patch
 
     return [
-        Line2D([], [], color=_DESIRED, lw=4.0, label="desired"),
+        Line2D([], [], color=_DESIRED, lw=4.0, solid_capstyle="butt", label="desired"),
         Line2D([], [], color=_BLUE, lw=1.1, label="actual"),
         Line2D([], [], color=_VERMILLION, lw=1.1, label="tracking error"),
         Line2D([], [], color=_GREEN, lw=1.1, label="net joint moment"),
@@ -237,13 +249,19 @@ def _tracking_legend(solution: Solution) -> list[Artist]:
     ]
 
 
-def convergence_figure(dt: ArrayLike, max_error_deg: ArrayLike, dof_names: Sequence[str]) -> Figure:
+def convergence_figure(
+    dt: ArrayLike,
+    max_error_deg: ArrayLike,
+    dof_names: Sequence[str],
+    title: str = "Tracking error against the control window",
+) -> Figure:
     """Largest tracking error against the control window, both logarithmic, with a line of order 2 to compare with.
 
     Args:
         dt: (n,) s, control windows, in any order.
         max_error_deg: (n, nv) deg; a value that is not positive has no place on the axis and is left out.
         dof_names: (nv,) names.
+        title: what is drawn.
 
     Raises:
         SettingsError: the shapes do not fit, or a dt is not positive.
@@ -269,17 +287,17 @@ def convergence_figure(dt: ArrayLike, max_error_deg: ArrayLike, dof_names: Seque
             )
             for j, name in enumerate(dof_names)
         ]  # fmt: skip
-        guide = Line2D([], [], color="#9A9A9A", lw=1.2, ls=(0, (4, 2)), label="order 2")
-        sheet = _Sheet(1, 1, (6.2, 3.6), (0.0, 0.0), "Tracking error against the control window", [*curves, guide])
+        guide = Line2D([], [], color=_AXIS, lw=1.2, ls=(0, (4, 2)), label="order 2")
+        sheet = _Sheet(1, 1, (6.2, 3.6), (0.0, 0.0), title, [*curves, guide])
         ax = sheet.panel(0, 0)
         ax.set_xscale("log")
         ax.set_yscale("log")
         for curve in curves:
             ax.add_line(curve)
         if np.isfinite(error).any():
-            # Through the lowest curve at the largest window, a little below it: compare slopes, cross nothing.
-            anchor = 0.4 * float(np.nanmin(error[np.isfinite(error).any(axis=1)][-1]))
-            guide.set_data(h, anchor * (h / h[-1]) ** 2)
+            # Below every point: slopes are compared, nothing is crossed.
+            level = 0.5 * float(np.nanmin(error / h[:, None] ** 2))
+            guide.set_data(h, level * h**2)
         ax.add_line(guide)
         ax.autoscale_view()
         ax.set_xticks(h, [f"{1e3 * value:g}" for value in h])
@@ -291,7 +309,9 @@ def convergence_figure(dt: ArrayLike, max_error_deg: ArrayLike, dof_names: Seque
 
 
 def save_figure(figure: Figure, stem: str | Path) -> list[Path]:
-    """Write ``stem.png`` (200 dpi) and ``stem.pdf``, both or neither; the same figure gives the same bytes.
+    """Write ``stem.png`` (200 dpi) and ``stem.pdf``, both drawn before either is put in place.
+
+    The same figure gives the same bytes.
 
     Args:
         figure: the figure.
@@ -314,11 +334,13 @@ def save_figure(figure: Figure, stem: str | Path) -> list[Path]:
     path = stem
     try:
         try:
-            for kind, path in paths.items():
+            for kind, temporary in temporaries.items():
+                path = paths[kind]
                 with _style():
-                    figure.savefig(temporaries[kind], format=kind, dpi=_PNG_DPI, metadata=metadata[kind])
-            for kind, path in paths.items():
-                temporaries[kind].replace(path)
+                    figure.savefig(temporary, format=kind, dpi=_PNG_DPI, metadata=metadata[kind])
+            for kind, temporary in temporaries.items():
+                path = paths[kind]
+                temporary.replace(path)
         finally:
             for temporary in temporaries.values():
                 temporary.unlink(missing_ok=True)
@@ -347,23 +369,21 @@ class _Sheet:
         self._gap, self._block = gap, block
         # Text is measured by its length, without a renderer: near enough to break a legend into lines.
         lengths = [0.55 + 0.062 * len(str(entry.get_label())) for entry in entries]
-        room, n_line = width - self.left, 1
-        while n_line < len(entries) and math.ceil(len(entries) / n_line) * max(lengths) > room >= 0:
-            if n_line == 1 and sum(lengths) <= room:
-                break
-            n_line += 1
-        self._top = 0.36 + 0.17 * n_line + 0.4
+        room = width - self.left
+        per_line = len(entries) if sum(lengths) <= room else max(1, int(room / max(lengths)))
+        n_line = math.ceil(len(entries) / per_line)
+        self._top = 0.36 + 0.17 * n_line + (0.34 if n_row * n_column > 1 else 0.26)
         height = self._row_top(n_row - 1) + self._height + self.bottom
         self.figure = Figure(figsize=(width, height), dpi=100)
         vars(self.figure)["_repr_png_"] = partial(_png, self.figure)  # a notebook shows it without pyplot
         x = self.left / width
         self.figure.suptitle(
-            title, x=x, y=1 - 0.13 / height, ha="left", va="top", fontweight="bold", color=_INK,
-            fontsize=float(np.clip(11 * room / (0.102 * max(len(title), 1)), 6, 11)),
+            title, x=x, y=1 - 0.13 / height, ha="left", va="top", color=_INK,
+            fontsize=float(np.clip(12 * room / (0.1 * max(len(title), 1)), 6, 12)),
         )  # fmt: skip
         self.figure.legend(
             handles=entries, loc="upper left", bbox_to_anchor=(x, 1 - 0.38 / height), borderaxespad=0.0,
-            ncols=math.ceil(len(entries) / n_line), borderpad=0.0, handlelength=1.8, columnspacing=1.6,
+            ncols=per_line, borderpad=0.0, handlelength=1.8, columnspacing=1.6,
             labelcolor=_SOFT,
         )  # fmt: skip
 
@@ -385,10 +405,10 @@ class _Sheet:
             ax.set_title(text, loc="left", pad=4.0)
         return ax
 
-    def label_values(self, ax: Axes, label: str) -> None:
-        """Name the vertical axis, at the same distance in every panel."""
+    def label_values(self, ax: Axes, label: str, distance: float = 0.4) -> None:
+        """Name the vertical axis, at the same distance (inches) in every panel."""
         ax.set_ylabel(label)
-        ax.yaxis.set_label_coords(-0.42 / self._width, 0.5)
+        ax.yaxis.set_label_coords(-distance / self._width, 0.5)
 
 
 def _style() -> AbstractContextManager[None]:
@@ -402,7 +422,7 @@ def _finish(ax: Axes, time_label: bool | None = None) -> None:
     from matplotlib.ticker import MaxNLocator
 
     ax.tick_params(
-        which="both", direction="out", length=2.5, width=0.7, color="#9A9A9A", labelcolor=_SOFT, labelsize=7.5,
+        which="both", direction="out", length=2.5, width=0.7, color=_AXIS, labelcolor=_SOFT, labelsize=7.5,
         pad=2.5, labelfontfamily=_STYLE["font.family"], grid_color=_GRID, grid_linestyle="-", grid_linewidth=0.6,
         grid_alpha=1.0,
     )  # fmt: skip
@@ -414,7 +434,9 @@ def _finish(ax: Axes, time_label: bool | None = None) -> None:
             ax.set_xlabel("time (s)", labelpad=2.0)
 
 
-def _scale_values(sheet: _Sheet, ax: Axes, label: str, unit: str, values: Sequence[NDArray[np.float64]]) -> None:
+def _scale_values(
+    sheet: _Sheet, ax: Axes, label: str, unit: str, values: Sequence[NDArray[np.float64]], headroom: float = 0.36
+) -> None:
     """Limits around the values with room for a note above them; a power of ten in the label where they need one."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
@@ -422,8 +444,8 @@ def _scale_values(sheet: _Sheet, ax: Axes, label: str, unit: str, values: Sequen
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     peak = max(abs(low), abs(high))
     span = high - low or 2 * (0.1 * peak or 1.0)
-    ax.set_ylim(low - 0.1 * span, high + 0.36 * span)
-    exponent = 0 if not peak or 0.1 <= peak < 1e4 else 3 * math.floor(math.log10(peak) / 3)
+    ax.set_ylim(low - 0.1 * span, high + headroom * span)
+    exponent = 0 if not peak or 0.05 <= peak < 1e4 else 3 * math.floor(math.log10(peak) / 3)
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
     ax.yaxis.set_major_formatter(FuncFormatter(partial(_tick, exponent)))
     prefix = f"10{str(exponent).translate(_SUPERSCRIPT)} " if exponent else ""
@@ -434,18 +456,40 @@ def _tick(exponent: int, value: float, _position: int) -> str:
     return f"{value / 10.0**exponent:.4g}".replace("-", "−")
 
 
+def _number(value: float) -> str:
+    exponent = math.floor(math.log10(value)) if value else 0
+    if -3 <= exponent < 5:
+        return f"{value:.3g}" if value < 1e3 else f"{value:.0f}"
+    return f"{value / 10.0**exponent:.3g}×10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
 def _note(ax: Axes, text: str) -> None:
-    ax.text(0.985, 0.97, text, transform=ax.transAxes, ha="right", va="top", fontsize=7.2, color=_SOFT)
+    ax.text(
+        0.985,
+        0.97,
+        text,
+        transform=ax.transAxes,
+        ha="right",
+        va="top",
+        fontsize=7.2,
+        color=_SOFT,
+        bbox={"fc": "white", "ec": "none", "pad": 1.0},
+    )
 
 
 def _shade(
-    ax: Axes, time: NDArray[np.float64], windows: NDArray[np.bool_], color: str, span: tuple[float, float]
+    ax: Axes,
+    time: NDArray[np.float64],
+    windows: NDArray[np.bool_],
+    color: str,
+    span: tuple[float, float],
+    zorder: float,
 ) -> None:
-    """Shade the windows, as one artist, over a span (bottom, height) of the panel's height."""
+    """Shade windows, as one artist, over a span (bottom, height)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], windows, [False]]).astype(int)))
     runs = [(time[a], time[b] - time[a]) for a, b in edges.reshape(-1, 2)]
     if runs:
-        ax.broken_barh(runs, span, transform=ax.get_xaxis_transform(), color=color, lw=0, zorder=0.5)
+        ax.broken_barh(runs, span, color=color, lw=0, zorder=zorder)
 
 
 def _by_label(solution: Solution | Mapping[str, Solution]) -> dict[str, Solution]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mjhcmc.errors import ModelError
 from mjhcmc.leg8.table import JOINTS, MUSCLES
 
 if TYPE_CHECKING:
@@ -66,33 +67,55 @@ class DynamicsReference:
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """The columns of a comma-separated table with one header line; lines that begin with # are comments."""
-    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#")]
-    names = lines[0].split(",")
-    values = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
-    return {name: values[:, i] for i, name in enumerate(names)}
+    """The columns of a comma-separated table with one header line; lines that begin with # are comments.
+
+    Raises:
+        ModelError: The file is missing, or a row of it is not a row of numbers.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"{path}: cannot be read ({error}): give a comma-separated reference table") from error
+    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
+    names = lines[0].split(",") if lines else []
+    try:
+        values = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+        return {name: values[:, i] for i, name in enumerate(names)}
+    except (ValueError, IndexError) as error:
+        raise ModelError(f"{path}: not a table of numbers ({error}): give a comma-separated reference table") from error
+
+
+def _column(table: dict[str, Array], name: str, path: Path) -> Array:
+    if name not in table:
+        raise ModelError(
+            f"{path}: no column {name}; it has {', '.join(table) or 'none'}: give the right reference table"
+        )
+    return table[name]
 
 
 def read_paths(path: Path) -> PathReference:
-    """Read ``leg8_paths.csv``."""
+    """Read ``leg8_paths.csv``; errors as :func:`read_columns`."""
     table = read_columns(path)
+
+    def stack(names: list[str]) -> Array:
+        return np.stack([_column(table, name, path) for name in names], axis=1)
+
     return PathReference(
-        qpos=np.radians(np.stack([table[f"{joint}_deg"] for joint in JOINTS], axis=1)),
-        length=np.stack([table[f"lmt_{muscle}_r"] for muscle in MUSCLES], axis=1),
-        arm=np.stack(
-            [np.stack([table[f"r_{joint}_{muscle}_r"] for joint in JOINTS], axis=1) for muscle in MUSCLES], axis=1
-        ),
+        qpos=np.radians(stack([f"{joint}_deg" for joint in JOINTS])),
+        length=stack([f"lmt_{muscle}_r" for muscle in MUSCLES]),
+        arm=np.stack([stack([f"r_{joint}_{muscle}_r" for joint in JOINTS]) for muscle in MUSCLES], axis=1),
     )
 
 
 def read_dynamics(path: Path) -> DynamicsReference:
-    """Read ``leg8_dynamics.csv``."""
+    """Read ``leg8_dynamics.csv``; errors as :func:`read_columns`."""
     table = read_columns(path)
     qpos, qvel, qacc, torque = (
-        np.stack([table[f"{prefix}_{joint}"] for joint in JOINTS], axis=1) for prefix in ("q", "u", "a", "tau")
+        np.stack([_column(table, f"{prefix}_{joint}", path) for joint in JOINTS], axis=1)
+        for prefix in ("q", "u", "a", "tau")
     )
-    letters = "hka"
-    entries = [[table["M_" + "".join(sorted((r, c), key=letters.index))] for c in letters] for r in letters]
+    order = "hka"
+    entries = [[_column(table, "M_" + "".join(sorted((r, c), key=order.index)), path) for c in order] for r in order]
     return DynamicsReference(qpos, qvel, qacc, torque, np.moveaxis(np.array(entries), 2, 0))
 
 
@@ -199,3 +222,33 @@ def knee_deviation(table: Mapping[str, Any], knee: Array) -> Array:
     hinge = axis + np.stack([cosine * arm[0] - sine * arm[1], sine * arm[0] + cosine * arm[1]], axis=1)
     distance: Array = np.linalg.norm(hinge - source, axis=1)
     return distance
+
+
+def force_agreement(model: mujoco.MjModel, table: Mapping[str, Any], reference: Path) -> Array:
+    """Root mean square difference of muscle force from the Hill model's with rigid tendon, over F0 (8,).
+
+    Active, passive and damping force of MuJoCo's muscle at given activation, length and velocity stand beside the
+    tendon force of Millard2012EquilibriumMuscle. A difference of models, not an error of either.
+
+    Args:
+        model: leg8.
+        table: The parameter table.
+        reference: Columns muscle (its number), a, lmt (m), vmt (m/s), Ft (N).
+    """
+    import mujoco
+
+    columns = read_columns(reference)
+    damping = model.tendon_damping.reshape(model.nu, -1)[:, 0]
+    result = np.empty(model.nu)
+    for i, name in enumerate(MUSCLES):
+        rows = columns["muscle"] == i
+        offset, limits = table["fitted"]["slack_offset"][name], model.actuator_lengthrange[i]
+        gain, bias, acc0 = model.actuator_gainprm[i, :9], model.actuator_biasprm[i, :9], model.actuator_acc0[i]
+        errors = []
+        for a, length, velocity, force in zip(*(columns[key][rows] for key in ("a", "lmt", "vmt", "Ft")), strict=True):
+            active = a * mujoco.mju_muscleGain(length + offset, velocity, limits, acc0, gain)
+            passive = mujoco.mju_muscleBias(length + offset, limits, acc0, bias)
+            errors.append(max(damping[i] * velocity - active - passive, 0.0) - force)  # a tendon does not push
+        maximum = table["source"]["muscles"][name]["max_isometric_force"]
+        result[i] = np.sqrt(np.mean(np.square(errors))) / maximum
+    return result

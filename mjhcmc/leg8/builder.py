@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjhcmc.errors import SettingsError
+from mjhcmc.errors import ModelError, SettingsError
 from mjhcmc.leg8.table import JOINTS, MUSCLES, load_table
 
 if TYPE_CHECKING:
@@ -65,6 +65,7 @@ def build_leg8(
 
     Raises:
         SettingsError: ``body_mass`` or ``height`` is not a number within its limits.
+        ModelError: The table gives a muscle a length range that begins below its slack length.
     """
     import mujoco
 
@@ -264,12 +265,15 @@ def _add_muscles(spec: mujoco.MjSpec, table: Mapping[str, Any], scale: _Scale, f
         tendon.damping[0] = digits(damping * scale.mass / scale.height)
 
         slack = muscle["tendon_slack_length"] + fitted["slack_offset"][name]
-        low, high = (digits(value * scale.height) for value in fitted["length_range"][name])
+        limits = fitted["length_range"][name]
+        norm_range = [digits((value - slack) / unit) for value in limits]
+        if norm_range[0] < 0:  # MuJoCo would silently take its default instead
+            raise ModelError(f"leg8 table: length_range of {name} begins at {limits[0]:g} m: take at least {slack:g} m")
         actuator = spec.add_actuator(name=name, target=f"{name}_tendon", trntype=mujoco.mjtTrn.mjTRN_TENDON)
         actuator.set_to_muscle(
             timeconst=[common["activation_time"], common["deactivation_time"]],
             tausmooth=0.0,
-            range=[digits((value - slack * scale.height) / (unit * scale.height)) for value in (low, high)],
+            range=norm_range,
             force=digits(force * scale.mass),
             scale=200.0,
             lmin=curves["lmin"],
@@ -278,7 +282,7 @@ def _add_muscles(spec: mujoco.MjSpec, table: Mapping[str, Any], scale: _Scale, f
             fpmax=curves["fpmax"],
             fvmax=curves["fvmax"],
         )
-        actuator.lengthrange = [low, high]
+        actuator.lengthrange = [scale.length(value) for value in limits]
         actuator.ctrllimited = True
         actuator.ctrlrange = [0.0, 1.0]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjhcmc.errors import MjhcmcError, ModelError
+from mjhcmc.errors import MjhcmcError
 from mjhcmc.leg8.agreement import FIT_RANGE_DEG, dynamics_agreement, path_agreement, read_dynamics, read_paths
 from mjhcmc.leg8.builder import build_leg8
 from mjhcmc.leg8.fit_curves import fit_curves
@@ -21,7 +21,7 @@ from mjhcmc.leg8.table import JOINTS, MUSCLES, load_table, save_table
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a fit; returns the exit code, 2 on bad input."""
-    parser = argparse.ArgumentParser(prog="python -m mjhcmc.leg8.fit", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="python -m mjhcmc.leg8.fit", description=(__doc__ or "").splitlines()[0])
     commands = parser.add_subparsers(dest="command", required=True)
     paths = commands.add_parser("paths", help="knee hinge, wrapping cylinders, sites, slack offsets")
     paths.add_argument("--reference", type=Path, required=True, help="leg8_paths.csv: lengths and moment arms")
@@ -57,9 +57,6 @@ def _curves(write: bool) -> None:
 
 
 def _paths(reference: Path, dynamics: Path, write: bool) -> None:
-    for path in (reference, dynamics):
-        if not path.is_file():
-            raise ModelError(f"{path}: no such reference table: give leg8_paths.csv and leg8_dynamics.csv")
     paths, states = read_paths(reference), read_dynamics(dynamics)
     table = fit_paths(load_table(), paths, states)
     model = build_leg8(table=table).compile()

@@ -156,14 +156,21 @@ def fit_knee_axis(table: Mapping[str, Any], paths: PathReference, states: Dynami
 
 
 def length_range(table: Mapping[str, Any]) -> dict[str, list[float]]:
-    """Each muscle's shortest and longest length over the joints' ranges, m, to the outer millimetre."""
+    """Each muscle's shortest and longest length over the joints' ranges, m, to the outer millimetre.
+
+    The shortest is kept a millimetre over the tendon slack length: a shorter muscle with a rigid tendon hangs slack,
+    and MuJoCo ignores a range that begins below zero.
+    """
     joints = table["source"]["joints"]
     grid = []
     for joint, count in zip(JOINTS, (25, 27, 19), strict=True):
         low_deg, high_deg = (float(value) for value in joints[joint]["range_deg"])
         grid.append(np.radians(np.linspace(low_deg, high_deg, count)))
     length, _ = lengths_and_arms(build_leg8(table=table).compile(), np.array(list(product(*grid))))
-    low, high = np.floor(length.min(axis=0) * 1e3) / 1e3, np.ceil(length.max(axis=0) * 1e3) / 1e3
+    muscles, offset = table["source"]["muscles"], table["fitted"]["slack_offset"]
+    slack = np.array([muscles[name]["tendon_slack_length"] + offset[name] for name in MUSCLES])
+    low = np.maximum(np.floor(length.min(axis=0) * 1e3), np.ceil(slack * 1e3) + 1) / 1e3
+    high = np.ceil(length.max(axis=0) * 1e3) / 1e3
     return {name: [_round(low[i]), _round(high[i])] for i, name in enumerate(MUSCLES)}
 
 

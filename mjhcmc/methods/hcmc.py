@@ -8,11 +8,13 @@ At the end (q, v, a) of a trial with excitation u and reserve s, with qacc its a
 
     qacc_d = q''_d + kv (v_d - v) + kp (q_d - q)
     d      = (qacc_d - qacc)/c,                    c = 1 + kv h/2 + kp h^2/6
-    B (a* - a) + (s* - s) = (M + h/2 D + h^2/6 K) d
+    B (a* - a) + T (s* - s) = E d,                 E = M + h/2 D + h^2/6 K
 
 D = -dF/dv and K = -dF/dq of all smooth forces at fixed activation; a change of acceleration that grows linearly over
-the window changes v by h/2 d and q by h^2/6 d at its end, hence c and the effective mass. The allocation finds a*
-within what activation can reach, and u* is the excitation that reaches it.
+the window changes v by h/2 d and q by h^2/6 d at its end, hence c and the effective mass E. A reserve is constant over
+the window: it changes v by h d and q by h^2/2 d, hence T = E diag(c_s/c) E_s^-1 with c_s = 1 + kv h + kp h^2/2 and
+E_s = M + h D + h^2/2 K. The allocation finds a* within what activation can reach, and u* is the excitation that
+reaches it; its slack is T s*.
 """
 
 from __future__ import annotations
@@ -204,6 +206,7 @@ def _aim(
     plant, reference, h = windows.plant, windows.reference, windows.dt
     kp, kv = feedback.kp, feedback.kv
     c = 1 + kv * h / 2 + kp * h**2 / 6
+    c_reserve = 1 + kv * h + kp * h**2 / 2
     lb, ub = plant.reachable(start.activation, windows.n_step)
     shortfall, rate = s, 0.0
     for _ in range(trials):
@@ -218,10 +221,12 @@ def _aim(
         qacc_desired = (
             reference.qacc[k + 1] + kv * (reference.qvel[k + 1] - end.qvel) + kp * (reference.qpos[k + 1] - end.qpos)
         )
-        d = (qacc_desired - qacc) / c
-        Q = moments.B @ end.activation + s + (M + h / 2 * D + h**2 / 6 * K) @ d
+        E = M + h / 2 * D + h**2 / 6 * K
+        E_reserve = M + h * D + h**2 / 2 * K
+        T = (E * (c_reserve / c)) @ np.linalg.inv(E_reserve)
+        Q = moments.B @ end.activation + T @ s + E @ ((qacc_desired - qacc) / c)
         found = allocate(build_problem(moments.B, Q, lb, ub), solver)
-        shortfall = found.reserve
-        s = found.reserve if reserves else np.zeros_like(s)
+        shortfall = np.linalg.solve(T, found.reserve)
+        s = shortfall if reserves else np.zeros_like(s)
         u = plant.excitation_reaching(start.activation, found.activation, windows.n_step)
     return _Aim(u, s, shortfall, rate)
