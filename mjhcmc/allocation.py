@@ -1,12 +1,12 @@
 """The allocation of joint moments to muscles: one small convex quadratic program per window.
 
-    minimize    1/2 sum_i w_i (a_i - a0_i)^2 + 1/2 sum_j rho_j s_j^2
+    minimize    1/2 sum_i w_i (a_i - a0_i)^2 + |P s|^2/(2 eps)
     subject to  B a + s = Q,   lb <= a <= ub
 
-B (nv, n_muscle) are the joint moments at full activation, s the reserves. The dual has nv unknowns and, for fixed
-multipliers lambda, a = clip(a0 + B^T lambda/w, lb, ub) and s = lambda/rho, so B a + s = Q is a piecewise linear,
-monotone equation: it is solved by a semismooth Newton method with an exact line search (Qi & Sun 1993, doi
-10.1007/BF01581275), which ends after finitely many steps.
+B (nv, n_muscle) are the joint moments at full activation, s the reserves, P what makes reserves comparable. The dual
+of the rows P (B a + s) = P Q has nv unknowns lambda; for fixed lambda, a = clip(a0 + (P B)^T lambda/w, lb, ub) and
+P s = eps lambda, so what remains is a piecewise linear, monotone equation. It is solved by a semismooth Newton method
+with an exact line search (Qi & Sun 1993, doi 10.1007/BF01581275), which ends after finitely many steps.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from mjhcmc.errors import SettingsError, SimulationError
 
 ELASTICITY = 1e-8
-"""Price of a reserve: moving a joint's whole strength to its reserve costs 1/(2 ELASTICITY) mean weights."""
+"""Price of reserves: the whole strength of the muscles taken over by reserves costs 1/(2 ELASTICITY) mean weights."""
 
 _ITERATIONS = 200
 _TOLERANCE = 1e-11
 _ROUNDING = 1e-15
+_NO_STRENGTH = 1e-9  # N m: a joint that no muscle moves
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Allocation:
     Attributes:
         activation: (n_muscle,) within the bounds.
         reserve: (nv,) N m or N, the part of Q that the muscles do not give: s = Q - B a.
-        multiplier: (nv,) lambda, in units of the cost per N m.
+        multiplier: (nv,) lambda, of the rows multiplied by P.
         iterations: Newton steps taken; 0 for a qpsolvers back end.
     """
 
@@ -56,7 +57,8 @@ class AllocationProblem:
         ub: (n_muscle,) highest activation that can be reached.
         w: (n_muscle,) weights, positive.
         a0: (n_muscle,) preferred activation.
-        rho: (nv,) price of a reserve, cost per (N m)^2.
+        P: (nv, nv) 1/(N m), what reserves are multiplied by before they are priced.
+        eps: price of a reserve, see the equation.
     """
 
     B: NDArray[np.float64]
@@ -65,28 +67,23 @@ class AllocationProblem:
     ub: NDArray[np.float64]
     w: NDArray[np.float64]
     a0: NDArray[np.float64]
-    rho: NDArray[np.float64]
+    P: NDArray[np.float64]
+    eps: float
 
     def optimality_residual(self, solution: Allocation) -> float:
         """The largest violation of the optimality conditions, each on its own scale.
 
-        Zero at the optimum: bounds, B a + s = Q, s = lambda/rho, and a = clip(a0 + B^T lambda/w, lb, ub).
+        Zero at the optimum: bounds, P (B a + s - Q) = 0, P s = eps lambda, a = clip(a0 + (P B)^T lambda/w, lb, ub).
         """
         a, s, y = solution.activation, solution.reserve, solution.multiplier
-        scale = row_scale(self.B)
+        rows = self.P @ self.B
         bounds = max(0.0, float(np.max(self.lb - a)), float(np.max(a - self.ub)))
-        balance = float(np.max(np.abs(self.B @ a + s - self.Q) / scale))
-        price = float(np.max(np.abs(s - y / self.rho) / scale))
-        pull = self.a0 + self.B.T @ y / self.w
-        rounding = 1.0 + np.abs(self.B).T @ np.abs(y) / self.w  # cancellation where reserves are large
+        balance = float(np.max(np.abs(rows @ a + self.P @ (s - self.Q))))
+        price = float(np.max(np.abs(self.P @ s - self.eps * y)))
+        pull = self.a0 + rows.T @ y / self.w
+        rounding = 1.0 + np.abs(rows).T @ np.abs(y) / self.w  # cancellation where reserves are large
         stationary = float(np.max(np.abs(a - np.clip(pull, self.lb, self.ub)) / rounding))
         return max(bounds, balance, price, stationary)
-
-
-def row_scale(B: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(nv,) strength of each joint, N m: the sum of what its muscles give; 1 where it has none."""
-    strength = np.abs(B).sum(axis=1)
-    return np.where(strength > 1e-9, strength, 1.0)
 
 
 def build_problem(
@@ -95,20 +92,24 @@ def build_problem(
     lb: NDArray[np.float64],
     ub: NDArray[np.float64],
     *,
+    inertia: NDArray[np.float64] | None = None,
     w: NDArray[np.float64] | None = None,
     a0: NDArray[np.float64] | None = None,
     elasticity: float = ELASTICITY,
 ) -> AllocationProblem:
     """Put a problem together; the default cost is effort, sum a^2, with equal weights.
 
-    The price of a reserve is set against the joint's own strength, so that weak and strong joints fall short in
-    proportion: rho_j = mean(w)/(elasticity strength_j^2).
+    With the inertia M, reserves are priced by s^T M^-1 s: what the muscles cannot give is lost where it changes the
+    accelerations least, in the metric of Gauss's principle of least constraint, whatever the units of the joints. The
+    leg comes back from a wrong start by it; priced by moment alone, a saturated hip is given up for the ankle.
+    Without, each joint's reserve is priced against the joint's own strength.
 
     Args:
         B: (nv, n_muscle) N m at full activation.
         Q: (nv,) N m.
         lb: (n_muscle,) lower bounds.
         ub: (n_muscle,) upper bounds.
+        inertia: (nv, nv) kg m^2, the mass matrix.
         w: (n_muscle,) weights; 1 by default.
         a0: (n_muscle,) preferred activation; 0 by default.
         elasticity: small number, see `ELASTICITY`.
@@ -130,8 +131,19 @@ def build_problem(
         ub=np.asarray(ub, dtype=np.float64),
         w=weights,
         a0=np.zeros(n) if a0 is None else np.asarray(a0, dtype=np.float64),
-        rho=weights.mean() / (elasticity * row_scale(B) ** 2),
+        P=_comparable(B, inertia),
+        eps=elasticity / float(weights.mean()),
     )
+
+
+def _comparable(B: NDArray[np.float64], inertia: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """(nv, nv) P of `AllocationProblem`: the rows of P B have sums of absolute values about 1."""
+    if inertia is None:
+        strength = np.abs(B).sum(axis=1)
+        return np.diag(1.0 / np.where(strength > _NO_STRENGTH, strength, 1.0))
+    whitened = np.linalg.inv(np.linalg.cholesky(inertia))
+    strength = float(np.abs(whitened @ B).sum(axis=1).max())
+    return whitened / (strength if strength > _NO_STRENGTH else 1.0)
 
 
 def allocate(problem: AllocationProblem, solver: str = "newton") -> Allocation:
@@ -145,24 +157,21 @@ def allocate(problem: AllocationProblem, solver: str = "newton") -> Allocation:
         SettingsError: an unknown solver.
         SimulationError: the problem holds a value that is not finite, or the solver did not find the optimum.
     """
-    parts = (problem.B, problem.Q, problem.lb, problem.ub, problem.w, problem.a0, problem.rho)
+    parts = (problem.B, problem.Q, problem.lb, problem.ub, problem.w, problem.a0, problem.P)
     if not all(np.isfinite(part).all() for part in parts):
         raise SimulationError("the allocation holds a value that is not finite: the simulation has diverged")
     if solver != "newton":
         return _solve_with_qpsolvers(problem, solver)
-    scale = row_scale(problem.B)
-    a, y, iterations = _newton(
-        problem.B / scale[:, None], problem.Q / scale, problem.lb, problem.ub, problem.w, problem.a0,
-        1.0 / (problem.rho * scale**2),
-    )  # fmt: skip
+    rows = problem.P @ problem.B
+    a, y, iterations = _newton(rows, problem.P @ problem.Q, problem.lb, problem.ub, problem.w, problem.a0, problem.eps)
     if iterations < 0:  # did not settle: rounding on a hard vertex; an active-set method decides
         return _solve_with_qpsolvers(problem, "daqp")
-    return Allocation(a, problem.Q - problem.B @ a, y / scale, iterations)
+    return Allocation(a, problem.Q - problem.B @ a, y, iterations)
 
 
 @numba.njit(cache=True)
 def _newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
-    """Row-equilibrated dual Newton: returns a, lambda, iterations (negative where it did not settle)."""
+    """Dual Newton on the rows P B, P Q: returns a, lambda, iterations (negative where it did not settle)."""
     nv, n = B.shape
     y = np.zeros(nv)
     a = np.empty(n)
@@ -187,7 +196,7 @@ def _newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
         worst = 0.0
         rounding = 0.0  # where reserves are large, so is y, and B^T y cancels
         for j in range(nv):
-            r[j] = Q[j] - eps[j] * y[j]
+            r[j] = Q[j] - eps * y[j]
             noise = 0.0
             for i in range(n):
                 r[j] -= B[j, i] * a[i]
@@ -205,14 +214,14 @@ def _newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
                 for i in range(n):
                     if lb[i] < z[i] < ub[i]:
                         H[j, k] += B[j, i] * B[k, i] / w[i]
-            H[j, j] += eps[j]
+            H[j, j] += eps
             d[j] = r[j]
         _cholesky_solve(H, d)
         # exact line search: d^T r(y + t d) is decreasing and piecewise linear in t
         value, slope = 0.0, 0.0
         for j in range(nv):
             value += d[j] * r[j]
-            slope -= eps[j] * d[j] * d[j]
+            slope -= eps * d[j] * d[j]
         count = 0
         for i in range(n):
             pull = 0.0
@@ -276,25 +285,23 @@ def _solve_with_qpsolvers(problem: AllocationProblem, solver: str) -> Allocation
         raise SettingsError(
             f"unknown QP solver {solver!r}; choose newton, {', '.join(sorted(qpsolvers.available_solvers))}"
         )
-    scale = row_scale(problem.B)
     nv, n = problem.B.shape
-    eps = 1.0 / (problem.rho * scale**2)
-    root = np.sqrt(eps)  # the reserve is scaled too, so that P has entries of one size
-    P = np.diag(np.concatenate([problem.w, np.ones(nv)]))
+    root = np.sqrt(problem.eps)  # the reserve is scaled too, so that the Hessian has entries of one size
+    H = np.diag(np.concatenate([problem.w, np.ones(nv)]))
     q = np.concatenate([-problem.w * problem.a0, np.zeros(nv)])
-    A = np.hstack([problem.B / scale[:, None], np.diag(root)])
+    A = np.hstack([problem.P @ problem.B, root * np.eye(nv)])
     lb = np.concatenate([problem.lb, np.full(nv, -np.inf)])
     ub = np.concatenate([problem.ub, np.full(nv, np.inf)])
-    matrices: list[Any] = [P, A]
+    matrices: list[Any] = [H, A]
     if solver in qpsolvers.sparse_solvers:
         from scipy.sparse import csc_matrix
 
-        matrices = [csc_matrix(P), csc_matrix(A)]
+        matrices = [csc_matrix(H), csc_matrix(A)]
     found = qpsolvers.solve_problem(
-        qpsolvers.Problem(matrices[0], q, A=matrices[1], b=problem.Q / scale, lb=lb, ub=ub), solver=solver
+        qpsolvers.Problem(matrices[0], q, A=matrices[1], b=problem.P @ problem.Q, lb=lb, ub=ub), solver=solver
     )
     if not found.found or found.x is None:
         raise SimulationError(f"QP solver {solver!r} found no optimum; try solver 'newton' or 'daqp'")
     a = np.clip(found.x[:n], problem.lb, problem.ub)
     s = problem.Q - problem.B @ a
-    return Allocation(a, s, problem.rho * s, 0)
+    return Allocation(a, s, problem.P @ s / problem.eps, 0)

@@ -39,7 +39,7 @@ _STATUS_TITLE = {
     WindowStatus.STIFF: "too stiff for the step",
 }
 _INK, _SOFT, _AXIS, _GRID, _DESIRED = "#262626", "#6B6B6B", "#9A9A9A", "#E8E8E8", "#C4C4C4"
-_SATURATED, _FLAGGED = "#FBF0AE", "#EDEDED"
+_SATURATED, _FLAGGED = "#FCF3C0", "#EDEDED"
 
 _STYLE: Any = {
     "font.family": "DejaVu Sans",  # ships with matplotlib: figures look the same everywhere
@@ -445,7 +445,7 @@ def _scale_values(
     peak = max(abs(low), abs(high))
     span = high - low or 2 * (0.1 * peak or 1.0)
     ax.set_ylim(low - 0.1 * span, high + headroom * span)
-    exponent = 0 if not peak or 0.05 <= peak < 1e4 else 3 * math.floor(math.log10(peak) / 3)
+    exponent = _exponent(peak)
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
     ax.yaxis.set_major_formatter(FuncFormatter(partial(_tick, exponent)))
     prefix = f"10{str(exponent).translate(_SUPERSCRIPT)} " if exponent else ""
@@ -456,11 +456,15 @@ def _tick(exponent: int, value: float, _position: int) -> str:
     return f"{value / 10.0**exponent:.4g}".replace("-", "−")
 
 
+def _exponent(peak: float) -> int:
+    """The power of ten to take out of values up to peak, a multiple of 3; 0 where they read well as they are."""
+    return 0 if not peak or 0.05 <= peak < 1e4 else 3 * math.floor(math.log10(peak) / 3)
+
+
 def _number(value: float) -> str:
-    exponent = math.floor(math.log10(value)) if value else 0
-    if -3 <= exponent < 5:
-        return f"{value:.3g}" if value < 1e3 else f"{value:.0f}"
-    return f"{value / 10.0**exponent:.3g}×10{str(exponent).translate(_SUPERSCRIPT)}"
+    exponent = _exponent(value)
+    power = f"×10{str(exponent).translate(_SUPERSCRIPT)}" if exponent else ""
+    return (f"{value:.0f}" if 1e3 <= value < 1e4 else f"{value / 10.0**exponent:.3g}") + power
 
 
 def _note(ax: Axes, text: str) -> None:

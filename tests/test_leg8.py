@@ -93,7 +93,7 @@ def test_names_limits_and_options(model: mujoco.MjModel) -> None:
     assert [model.actuator(i).name for i in range(model.nu)] == list(MUSCLES)
     assert [model.body(i).name for i in range(1, model.nbody)] == ["pelvis", "thigh", "shank", "foot"]
     assert (model.nq, model.nv, model.na, model.ntendon) == (3, 3, 8, 8)
-    np.testing.assert_allclose(np.degrees(model.jnt_range), [[-120, 120], [-120, 10], [-90, 90]], atol=1e-3)
+    np.testing.assert_allclose(np.degrees(model.jnt_range), [[-120, 120], [-120, 10], [-90, 90]], atol=1e-12)
     assert model.jnt_limited.all()
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
     assert model.opt.timestep == 0.001

@@ -217,7 +217,7 @@ def _add_bodies(spec: mujoco.MjSpec, table: Mapping[str, Any], scale: _Scale) ->
             low, high = joints[joint_name]["range_deg"]
             joint = body.add_joint(name=joint_name, axis=list(FLEXION_AXIS))
             joint.limited = True
-            joint.range = [digits(math.radians(low)), digits(math.radians(high))]
+            joint.range = [math.radians(low), math.radians(high)]
         parent = body
     return frames
 

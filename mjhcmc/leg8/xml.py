@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mjhcmc.errors import OutputError
+from mjhcmc.io.files import written_whole
 from mjhcmc.leg8.builder import SOURCE_BODY_MASS, SOURCE_HEIGHT, build_leg8
 
 _HEADER = """<!--
@@ -36,6 +37,10 @@ def leg8_xml(
     root = ET.fromstring(spec.to_xml())
     for element in root.iter("general"):
         _as_muscle(element)
+    for element in root.iter("joint"):
+        _in_degrees(element)
+    for element in root.iter("compiler"):
+        element.set("angle", "degree")
     for element in root.iter("spatial"):
         element.attrib.pop("springlength", None)  # no stiffness, so the length at rest says nothing
     ET.indent(root, space="  ")
@@ -51,14 +56,14 @@ def write_leg8(path: Path, body_mass: float = SOURCE_BODY_MASS, height: float = 
         OutputError: The file cannot be written.
     """
     text = leg8_xml(body_mass, height)
-    temporary = path.with_name(path.name + ".part")
-    try:
+    with written_whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-        temporary.replace(path)
-    except OSError as error:
-        raise OutputError(
-            f"{path}: cannot be written ({error.strerror}): choose a folder that exists and can be written"
-        ) from error
+
+
+def _in_degrees(joint: ET.Element) -> None:
+    """The range of a joint as whole degrees, exactly; MuJoCo saves radians to six digits."""
+    limits = [round(math.degrees(float(value)), 3) for value in joint.attrib["range"].split()]
+    joint.set("range", " ".join(f"{limit:g}" for limit in limits))
 
 
 def _as_muscle(element: ET.Element) -> None:

@@ -127,7 +127,7 @@ def initial_activation_for(windows: Windows, solver: str) -> tuple[State, NDArra
     moments = dynamics.muscle_moments(plant)
     Q = dynamics.required_moment(plant, windows.reference.qacc[0], moments.p)
     low, high = model.excitation_range.T
-    found = allocate(build_problem(moments.B, Q, low, high), solver)
+    found = allocate(build_problem(moments.B, Q, low, high, inertia=dynamics.mass_matrix(plant)), solver)
     return (start if given else replace(start, activation=found.activation)), found.reserve
 
 
@@ -225,7 +225,7 @@ def _aim(
         E_reserve = M + h * D + h**2 / 2 * K
         T = (E * (c_reserve / c)) @ np.linalg.inv(E_reserve)
         Q = moments.B @ end.activation + T @ s + E @ ((qacc_desired - qacc) / c)
-        found = allocate(build_problem(moments.B, Q, lb, ub), solver)
+        found = allocate(build_problem(moments.B, Q, lb, ub, inertia=M), solver)
         shortfall = np.linalg.solve(T, found.reserve)
         s = shortfall if reserves else np.zeros_like(s)
         u = plant.excitation_reaching(start.activation, found.activation, windows.n_step)
