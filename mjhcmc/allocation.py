@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mjhcmc.errors import SettingsError, SimulationError
 
-ELASTICITY = 1e-8
+ELASTICITY = 1e-9
 """Price of reserves: the whole strength of the muscles taken over by reserves costs 1/(2 ELASTICITY) mean weights."""
 
 _ITERATIONS = 200

@@ -209,8 +209,8 @@ def _draw_error(sheet: _Sheet, ax: Axes, solution: Solution, j: int) -> None:
     ax.plot(solution.time, error, color=_VERMILLION, lw=1.1, label="tracking error")
     _scale_values(sheet, ax, "error", unit, [error])
     k = int(np.argmax(np.where(np.isfinite(error), np.abs(error), -1.0)))
-    ax.plot(solution.time[k], error[k], "o", ms=3.4, mfc="white", mec=_VERMILLION, mew=1.0, label="max")
-    _note(ax, f"max {_number(abs(error[k]))} {unit} at {solution.time[k]:.3g} s")
+    ax.plot(solution.time[k], error[k], "o", ms=3.4, mfc="white", mec=_VERMILLION, clip_on=False, label="max")
+    _note(ax, f"max {_number(abs(error[k]))} {unit} at {solution.time[k]:.4g} s")
 
 
 def _draw_moment(sheet: _Sheet, ax: Axes, solution: Solution, j: int) -> None:
@@ -423,8 +423,7 @@ def _finish(ax: Axes, time_label: bool | None = None) -> None:
 
     ax.tick_params(
         which="both", direction="out", length=2.5, width=0.7, color=_AXIS, labelcolor=_SOFT, labelsize=7.5,
-        pad=2.5, labelfontfamily=_STYLE["font.family"], grid_color=_GRID, grid_linestyle="-", grid_linewidth=0.6,
-        grid_alpha=1.0,
+        pad=2.5, grid_color=_GRID, grid_linestyle="-", grid_linewidth=0.6, grid_alpha=1.0,
     )  # fmt: skip
     ax.grid(visible=True, which="major")
     if time_label is not None:

@@ -130,8 +130,13 @@ def _findings(
 
 
 def _saturated(solution: Solution, k: int) -> str:
-    names = [m for m, u in zip(solution.muscle_names, solution.excitation[k], strict=True) if u >= _SATURATED]
-    return f"at full excitation: {', '.join(names)}" if names else "no muscle at full excitation"
+    """Which muscles had nothing more to give in window k: those at full excitation, else those switched off."""
+    u = solution.excitation[k]
+    full = [name for name, value in zip(solution.muscle_names, u, strict=True) if value >= _SATURATED]
+    if full:
+        return f"at full excitation: {', '.join(full)}"
+    off = [name for name, value in zip(solution.muscle_names, u, strict=True) if value <= 1 - _SATURATED]
+    return f"no muscle at full excitation; switched off: {', '.join(off) or 'none'}"
 
 
 def replay(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.float64]:

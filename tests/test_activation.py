@@ -12,7 +12,8 @@ from mjhcmc.errors import SettingsError
 XML = """
 <mujoco><option integrator="RK4" timestep="{step}"/>
   <worldbody><body><joint name="j" type="hinge"/><geom size=".1"/></body></worldbody>
-  <actuator><general joint="j" dyntype="muscle" dynprm="{act} {deact} {smooth}" gaintype="fixed" gainprm="0"/></actuator>
+  <actuator><general joint="j" dyntype="muscle" dynprm="{act} {deact} {smooth}" gaintype="fixed" gainprm="0"/>
+  </actuator>
 </mujoco>"""
 
 

@@ -73,7 +73,7 @@ def test_column_map_of_a_model(tmp_path):
     text = '<custom><text name="opensim_coordinates" data="shoulder=-arm_flex elbow=elbow_flexion"/></custom>'
     model = load_xml(PENDULUMS.replace("<actuator>", text + "<actuator>"))
     assert model.column_map == {"shoulder": "-arm_flex", "elbow": "elbow_flexion"}
-    with pytest.raises(mjhcmc.ModelError, match="'wrist=x'.*shoulder, elbow"):
+    with pytest.raises(mjhcmc.ModelError, match=r"'wrist=x'.*shoulder, elbow"):
         load_xml(PENDULUMS.replace("<actuator>", text.replace("shoulder=-arm_flex", "wrist=x") + "<actuator>"))
 
 
@@ -135,5 +135,3 @@ def test_files_that_are_no_model(tmp_path):
         mjhcmc.MuscleModel.load(broken)
     with pytest.raises(mjhcmc.ModelError, match="got int"):
         mjhcmc.MuscleModel.load(3)
-    for message in ("broken", "leg9"):
-        assert "\n" not in message
