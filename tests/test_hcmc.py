@@ -126,7 +126,7 @@ def test_round_trip_recovers_excitations_where_muscles_are_not_redundant(two_joi
 
     time, qpos, moment, activation = simulate(two_joints, excitation_at, 0.6)
     solution = mjhcmc.hcmc(
-        two_joints, mjhcmc.Motion(time, qpos), dt=0.0025, initial_qvel=[0.0, 0.0], initial_activation=activation[0]
+        two_joints, mjhcmc.Motion(time, qpos), dt=0.002, initial_qvel=[0.0, 0.0], initial_activation=activation[0]
     )
     nodes = np.rint(solution.time / 0.001).astype(int)
     middle = (solution.time[:-1] + solution.time[1:]) / 2
