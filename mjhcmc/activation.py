@@ -36,7 +36,7 @@ def _rate(a: float, u: float, act: float, deact: float, smooth: float) -> float:
 
 
 @numba.njit(cache=True)
-def _advance(a: float, u: float, act: float, deact: float, smooth: float, h: float, n: int) -> float:
+def advance_one(a: float, u: float, act: float, deact: float, smooth: float, h: float, n: int) -> float:
     """Activation after n RK4 steps of length h under constant excitation."""
     for _ in range(n):
         k1 = _rate(a, u, act, deact, smooth)
@@ -63,10 +63,10 @@ def _invert(
 
     A bracketed secant search (Illinois): the map is monotone in u but has a kink where u crosses a.
     """
-    f_low = _advance(a, low, act, deact, smooth, h, n) - target
+    f_low = advance_one(a, low, act, deact, smooth, h, n) - target
     if f_low >= 0.0:
         return low
-    f_high = _advance(a, high, act, deact, smooth, h, n) - target
+    f_high = advance_one(a, high, act, deact, smooth, h, n) - target
     if f_high <= 0.0:
         return high
     side = 0
@@ -74,7 +74,7 @@ def _invert(
         u = (low * f_high - high * f_low) / (f_high - f_low)
         if not low < u < high or i % 16 == 15:  # guard against a stalled secant
             u = 0.5 * (low + high)
-        f = _advance(a, u, act, deact, smooth, h, n) - target
+        f = advance_one(a, u, act, deact, smooth, h, n) - target
         if abs(f) < 1e-15 or high - low < 1e-15:
             return u
         if f < 0.0:
@@ -93,7 +93,7 @@ def _invert(
 @numba.njit(cache=True)
 def _advance_all(a, u, prm, h, n, out):  # type: ignore[no-untyped-def]
     for i in range(a.size):
-        out[i] = _advance(a[i], u[i], prm[i, 0], prm[i, 1], prm[i, 2], h, n)
+        out[i] = advance_one(a[i], u[i], prm[i, 0], prm[i, 1], prm[i, 2], h, n)
 
 
 @numba.njit(cache=True)

@@ -7,10 +7,12 @@ it runs, so that ``mjhcmc --help`` is instant.
 from __future__ import annotations
 
 import json
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +50,7 @@ def cli() -> None:
 )  # fmt: skip
 @click.option("--solver", default="newton", show_default=True, help="newton, or a qpsolvers back end (daqp, osqp ...).")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the summary.")
-@click.option("--quiet", is_flag=True, help="No progress bar, no summary.")
+@click.option("--quiet", is_flag=True, help="No progress bar, no summary, no notices: errors only.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="Folder for the results.")
 def solve(
     motion: Path,
@@ -70,16 +72,17 @@ def solve(
     Writes DIR/solution.parquet, DIR/verdict.json and the figures.
     """
     run = find_method(method)
+    if quiet:
+        warnings.simplefilter("ignore", MjhcmcWarning)
     import mjhcmc
     from mjhcmc.summary import numbers, screen
 
+    click.get_current_context().with_resource(_engine_notices())
     muscle_model = mjhcmc.MuscleModel.load(model)
     read = mjhcmc.Motion.from_file(motion, muscle_model, lowpass, column_map=column_map, start=start, end=end)
-    for notice in read.notices:
-        _notice(notice)
     noise = read.noise_warning() if lowpass is None else None
-    if noise:
-        _notice(noise)
+    for notice in (*read.notices, *([noise] if noise else [])):
+        warnings.warn(notice, MjhcmcWarning, stacklevel=1)
     with _output_folder(out) as folder:
         interrupted = False
         try:
@@ -112,8 +115,10 @@ def solve(
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def reproduce(movement: str, dt: float, physics_dt: float, out: Path | None, as_json: bool) -> int:
     """The paper's experiment: table, figures, verdict."""
+    import mjhcmc
     from mjhcmc.reproduce import reproduce as run
 
+    click.get_current_context().with_resource(_engine_notices())
     if out is None and not as_json:
         out = Path("mjhcmc-reproduce")
     files: list[str] = []
@@ -121,7 +126,12 @@ def reproduce(movement: str, dt: float, physics_dt: float, out: Path | None, as_
         result = run(movement, dt, physics_dt)
     else:
         with _output_folder(out) as folder:
-            result = run(movement, dt, physics_dt)
+            try:
+                result = run(movement, dt, physics_dt)
+            except mjhcmc.SolveInterrupted as stop:
+                if stop.solution is not None:
+                    _write(stop.solution, folder)
+                raise
             files = _write(result.solutions["hcmc"], folder)
     if as_json:
         click.echo(json.dumps(result.numbers()))
@@ -136,10 +146,11 @@ def _write(solution: Solution, folder: Path) -> list[str]:
     from mjhcmc.io.files import written_whole
     from mjhcmc.plotting import excitation_figure, save_figure, tracking_figure
 
-    paths = [solution.save(folder / "solution.parquet")]
-    verdict = folder / "verdict.json"
-    with written_whole(verdict) as temporary:
-        temporary.write_text(json.dumps(solution.verdict.to_dict(), indent=2) + "\n")
+    with _interrupt_later():
+        paths = [solution.save(folder / "solution.parquet")]
+        verdict = folder / "verdict.json"
+        with written_whole(verdict) as temporary:
+            temporary.write_text(json.dumps(solution.verdict.to_dict(), indent=2) + "\n")
     paths.append(verdict)
     paths += save_figure(excitation_figure(solution), folder / "excitations")
     paths += save_figure(tracking_figure(solution), folder / "tracking")
@@ -147,10 +158,46 @@ def _write(solution: Solution, folder: Path) -> list[str]:
 
 
 @contextmanager
+def _engine_notices() -> Iterator[None]:
+    """MuJoCo's warnings as notices; left alone, it prints them and writes a MUJOCO_LOG.TXT where the user stands."""
+    import mujoco
+
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: warnings.warn(f"MuJoCo: {text}", MjhcmcWarning, stacklevel=1))
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+@contextmanager
+def _interrupt_later() -> Iterator[None]:
+    """Hold an interrupt back until the block ends, so that what was solved is kept; a second one does not wait."""
+    if threading.current_thread() is not threading.main_thread():  # interrupts never reach it
+        yield
+        return
+    came = False
+
+    def hold_back(*_: Any) -> None:
+        nonlocal came
+        came = True
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.signal(signal.SIGINT, hold_back)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        raise KeyboardInterrupt
+
+
+@contextmanager
 def _output_folder(path: Path) -> Iterator[Path]:
     """Make the folder and see that it can be written, before the work; take it away again if the work fails."""
-    made = [folder for folder in (path, *path.parents) if not folder.exists()]
+    made: list[Path] = []
     try:
+        made = [folder for folder in (path, *path.parents) if not folder.exists()]
         path.mkdir(parents=True, exist_ok=True)
         probe = path / ".mjhcmc-probe"
         probe.touch()
@@ -170,7 +217,7 @@ def _output_folder(path: Path) -> Iterator[Path]:
 def _remove(folders: list[Path]) -> None:
     """Remove folders that are there and empty, innermost first."""
     for folder in folders:
-        if folder.is_dir() and not any(folder.iterdir()):
+        with suppress(OSError):  # never made, or not empty
             folder.rmdir()
 
 
@@ -188,32 +235,36 @@ def _progress_bar(hidden: bool) -> Iterator[Progress]:
         yield progress
 
 
-def _notice(message: Any, *_: Any) -> None:
-    click.echo(f"mjhcmc: notice: {message}", err=True)
+def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    if issubclass(category, MjhcmcWarning):
+        click.echo(f"mjhcmc: notice: {_one_line(str(message))}", err=True)
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; errors are one line on standard error and exit code 2."""
-    warnings.showwarning = lambda message, category, *rest: (
-        _notice(message) if issubclass(category, MjhcmcWarning) else None
-    )
+    arguments = sys.argv[1:] if arguments is None else arguments
     try:
         with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
             warnings.simplefilter("always", MjhcmcWarning)
-            code = cli.main(arguments, prog_name="mjhcmc", standalone_mode=False)
+            code = cli.main(arguments or ["--help"], prog_name="mjhcmc", standalone_mode=False)
     except click.ClickException as error:
         _fail(error.format_message())
     except MjhcmcError as error:
         _fail(str(error))
     except (KeyboardInterrupt, click.Abort):
-        click.echo("mjhcmc: interrupted before the first window was solved", err=True)
+        click.echo("mjhcmc: interrupted before the work was done", err=True)
         sys.exit(_INTERRUPTED)
     sys.exit(code)
 
 
 def _fail(message: str) -> None:
-    click.echo(f"mjhcmc: error: {' '.join(message.split())}", err=True)
+    click.echo(f"mjhcmc: error: {_one_line(message)}", err=True)
     sys.exit(2)
+
+
+def _one_line(message: str) -> str:
+    return " ".join(message.split())
 
 
 if __name__ == "__main__":

@@ -6,12 +6,14 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from statistics import median
 from typing import Any
 
+from mjhcmc.errors import MjhcmcWarning
 from mjhcmc.methods import METHODS, find_method
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
@@ -139,7 +141,9 @@ def reproduce(movement: str = "fast", dt: float = 0.01, physics_dt: float = 0.00
     for name in METHODS:
         method = find_method(name)
         solutions[name] = method(model, motion, dt=dt, physics_dt=physics_dt)  # the warm-up
-        times[name] = _median_time(partial(method, model, motion, dt=dt, physics_dt=physics_dt))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MjhcmcWarning)  # the warm-up gave each notice once
+            times[name] = _median_time(partial(method, model, motion, dt=dt, physics_dt=physics_dt))
     return Reproduction(movement, solutions, times, bare_step_time(solutions["hcmc"]))
 
 

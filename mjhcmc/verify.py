@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mjhcmc.errors import SimulationError
 from mjhcmc.plant import physics_steps
-from mjhcmc.solution import Solution, WindowStatus, moment_scale
+from mjhcmc.solution import RESERVE_SHARE, Solution, WindowStatus, moment_scale
 
 MAX_RESERVE_SHARE = 0.05
 MAX_TRACKING_RMS = np.deg2rad(1.0)
@@ -108,12 +108,14 @@ def _findings(
         k = int(np.argmax(np.abs(solution.shortfall[:, j])))
         lacking = float(solution.shortfall[k, j])
         part = abs(lacking) / moment_scale(solution.net_joint_moment)[j]
-        if solution.status[k] in (WindowStatus.RESERVE, WindowStatus.UNMET) and part > 1e-3:
-            given = "reserve" if np.any(solution.reserve) else "unmet moment"
-            verb = "exceeds" if share[j] > MAX_RESERVE_SHARE else "is within"
+        if part > RESERVE_SHARE:
+            given, against = "unmet moment", ""
+            if solution.reserve.any():
+                verb = "exceeds" if share[j] > MAX_RESERVE_SHARE else "is within"
+                given, against = "reserve", f" ({verb} {100 * MAX_RESERVE_SHARE:g} %)"
             found.append(
                 f"{name}: {given} of {lacking:.3g} {unit} at {solution.time[k]:.3f} s, {100 * part:.3g} % of the peak "
-                f"moment ({verb} {100 * MAX_RESERVE_SHARE:g} %); {_saturated(solution, k)}"
+                f"moment{against}; {_saturated(solution, k)}"
             )
     for j, name in enumerate(solution.dof_names):
         if rms[j] > limit[j]:
@@ -132,7 +134,8 @@ def _findings(
 def _saturated(solution: Solution, k: int) -> str:
     """Which muscles had nothing more to give in window k: those at full excitation, else those switched off."""
     u = solution.excitation[k]
-    full = [name for name, value in zip(solution.muscle_names, u, strict=True) if value >= _SATURATED]
+    top = np.ones_like(u) if solution.model is None else solution.model.excitation_range[:, 1]
+    full = [name for name, at_top in zip(solution.muscle_names, u >= _SATURATED * top, strict=True) if at_top]
     if full:
         return f"at full excitation: {', '.join(full)}"
     off = [name for name, value in zip(solution.muscle_names, u, strict=True) if value <= 1 - _SATURATED]
@@ -158,7 +161,7 @@ def replay(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.floa
     for first in range(0, solution.n_window, per_chunk):
         chunk = np.arange(first, min(first + per_chunk, solution.n_window))
         inputs = np.repeat(engine.inputs(chunk), engine.n_step, axis=0)
-        states = engine.roll(rows[-1][None], inputs[None])[0]
+        states = engine.roll(rows[-1][None], inputs[None], resume=first > 0)[0]
         rows.extend(states[engine.n_step - 1 :: engine.n_step])
     return engine.positions(np.array(rows))
 
@@ -219,13 +222,19 @@ class _Engine:
         mujoco.mj_getState(self.mj_model, self.mj_data, out, signature)
         return out
 
-    def roll(self, starts: NDArray[np.float64], inputs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(batch, n_step, n_state) from starts (batch, n_state) under inputs (batch, n_step, n_input)."""
+    def roll(
+        self, starts: NDArray[np.float64], inputs: NDArray[np.float64], *, resume: bool = False
+    ) -> NDArray[np.float64]:
+        """(batch, n_step, n_state) from starts (batch, n_state) under inputs (batch, n_step, n_input).
+
+        With resume, constraint solvers start from where the last roll ended, as in one long roll.
+        """
         from mujoco import rollout
 
+        warmstart = self.mj_data.qacc_warmstart.copy()[None] if resume else None
         states, _ = rollout.rollout(
             self.mj_model, self.mj_data, np.ascontiguousarray(starts), np.ascontiguousarray(inputs),
-            control_spec=self.input,
+            control_spec=self.input, initial_warmstart=warmstart,
         )  # fmt: skip
         return np.asarray(states)
 

@@ -1,7 +1,7 @@
 """Writing a file whole or not at all."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from mjhcmc.errors import OutputError
@@ -18,11 +18,13 @@ def written_whole(path: Path) -> Iterator[Path]:
     """
     temporary = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
+        if not path.parent.is_dir():
+            raise OutputError(f"{path}: cannot be written, there is no folder {path.parent}: create it first")
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        raise OutputError(
-            f"{path}: cannot be written ({error.strerror or error}): choose a folder that you may write to"
-        ) from error
+        why = error.strerror or " ".join(str(error).split())
+        raise OutputError(f"{path}: cannot be written ({why}): choose a folder that you may write to") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # never written, or its folder is none: the error above is the one to tell
+            temporary.unlink()

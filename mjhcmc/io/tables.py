@@ -72,9 +72,17 @@ def to_xarray(solution: Solution) -> xr.Dataset:
 def save_solution(solution: Solution, path: Path) -> Path:
     """See `Solution.save`."""
     suffix = _suffix(path)
-    if not path.parent.is_dir():
-        raise OutputError(f"{path}: folder {path.parent} does not exist: create it first")
-    meta = json.dumps(_metadata(solution)) if suffix != ".csv" else ""
+    meta = json.dumps(_metadata(solution), default=_plain) if suffix != ".csv" else ""
+    if suffix == ".sto":
+        from mjhcmc.io.opensim import write_table
+
+        frame = to_dataframe(solution).astype(float)
+        names = [name for name in frame.columns if name != "time"]
+        write_table(
+            path, names, frame["time"].to_numpy(), frame[names].to_numpy(),
+            name="mjhcmc solution", in_degrees=False, extra={_META: meta},
+        )  # fmt: skip
+        return path
     with written_whole(path) as temporary:
         if suffix == ".parquet":
             import pyarrow as pa
@@ -85,15 +93,6 @@ def save_solution(solution: Solution, path: Path) -> Path:
             pq.write_table(table, temporary)
         elif suffix == ".csv":
             to_dataframe(solution).to_csv(temporary, index=False)
-        elif suffix == ".sto":
-            from mjhcmc.io.opensim import write_table
-
-            frame = to_dataframe(solution).astype(float)
-            names = [name for name in frame.columns if name != "time"]
-            write_table(
-                temporary, names, frame["time"].to_numpy(), frame[names].to_numpy(),
-                name="mjhcmc solution", in_degrees=False, extra={_META: meta},
-            )  # fmt: skip
         else:
             to_xarray(solution).assign_attrs({_META: meta}).to_netcdf(temporary, engine="scipy")
     return path
@@ -102,9 +101,9 @@ def save_solution(solution: Solution, path: Path) -> Path:
 def load_solution(path: Path) -> Solution:
     """See `Solution.load`."""
     suffix = _suffix(path)
-    if not path.is_file():
-        raise OutputError(f"{path}: no such file")
     try:
+        if not path.is_file():
+            raise OutputError(f"{path}: no such file: check the path")
         if suffix == ".nc":
             return _from_netcdf(path)
         meta: dict[str, Any] = {}
@@ -117,8 +116,8 @@ def load_solution(path: Path) -> Solution:
         elif suffix == ".csv":
             import pandas as pd
 
-            frame = pd.read_csv(path)
-            columns = {name: frame[name].to_numpy(dtype=float) for name in frame.columns}
+            frame = pd.read_csv(path, dtype=str)  # as text: NumPy reads every digit, pandas may not
+            columns = {name: frame[name].to_numpy(dtype=object).astype(float) for name in frame.columns}
         else:
             from mjhcmc.io.opensim import read_table
 
@@ -128,9 +127,9 @@ def load_solution(path: Path) -> Solution:
         return _from_columns(columns, meta)
     except MjhcmcError as error:
         raise OutputError(f"{path}: {error}" if str(path) not in str(error) else str(error)) from error
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        first = (str(error).splitlines() or [type(error).__name__])[0]
-        raise OutputError(f"{path}: is no solution that mjhcmc wrote ({first})") from error
+    except Exception as error:  # a damaged file may break its reader (pyarrow, pandas, scipy) in any way
+        first = next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)
+        raise OutputError(f"{path}: is no solution that mjhcmc wrote ({first}): solve and save it again") from error
 
 
 def _suffix(path: Path) -> str:
@@ -148,6 +147,11 @@ def _metadata(solution: Solution) -> dict[str, Any]:
     }
 
 
+def _plain(value: Any) -> Any:
+    """For JSON: a setting may be NumPy's number or array."""
+    return value.tolist() if isinstance(value, (np.generic, np.ndarray)) else str(value)
+
+
 def _from_columns(columns: dict[str, NDArray[np.float64]], meta: dict[str, Any]) -> Solution:
     labels: dict[str, list[str]] = {prefix: [] for prefix in _COLUMNS}
     for column in columns:
@@ -159,7 +163,11 @@ def _from_columns(columns: dict[str, NDArray[np.float64]], meta: dict[str, Any])
         if not labels[prefix]:
             raise OutputError(f"no column {prefix}/...: is no solution that mjhcmc wrote")
         values = np.column_stack([columns[f"{prefix}/{label}"] for label in labels[prefix]])
-        arrays[attribute] = values[:-1] if rows == "window" else values
+        if rows == "window":
+            if len(values) and not np.isnan(values[-1]).all():
+                raise OutputError(f"the last row has {prefix}/{labels[prefix][0]}, but no window begins there: cut off")
+            values = values[:-1]
+        arrays[attribute] = values
     return _assemble(
         arrays, columns["time"], columns["status"][:-1], tuple(labels["activation"]), tuple(labels["moment"]), meta
     )
@@ -170,7 +178,7 @@ def _from_netcdf(path: Path) -> Solution:
         import xarray as xr
     except ImportError as error:
         raise OutputError(f"{path}: xarray is not installed: pip install 'mjhcmc[netcdf]'") from error
-    with xr.open_dataset(path, engine="scipy") as data:
+    with xr.open_dataset(path, engine="scipy", mmap=False) as data:
         data.load()
     arrays = {attribute: data[attribute].to_numpy() for attribute, _, _ in _COLUMNS.values()}
     muscles, dofs = (tuple(str(name) for name in data[key].to_numpy()) for key in ("muscle", "dof"))
@@ -195,6 +203,12 @@ def _assemble(
     from mjhcmc.verify import Verdict
 
     floats: dict[str, Any] = {name: np.array(values, dtype=np.float64, order="C") for name, values in arrays.items()}
+    for name, values in {"time": time, "status": status, **floats}.items():
+        bad = np.argwhere(~np.isfinite(values))
+        if len(bad):
+            raise OutputError(f"row {bad[0][0]} (from 0) of {name} holds {values[tuple(bad[0])]}: solve and save again")
+    if len(time) < 2:
+        raise OutputError(f"{len(time)} rows: a solution has at least 2")
     rotation = meta.get("dof_is_rotation", [True] * len(dof_names))
     return Solution(
         time=np.array(time, dtype=np.float64),
@@ -203,7 +217,7 @@ def _assemble(
         muscle_names=muscle_names,
         dof_names=dof_names,
         dof_is_rotation=np.array(rotation, dtype=bool),
-        settings=meta.get("settings", {"dt": float(time[1] - time[0])}),
+        settings=meta.get("settings", {"dt": float(time[-1] - time[0]) / (len(time) - 1)}),
         interrupted=meta.get("interrupted", False),
         stored_verdict=Verdict.from_dict(meta["verdict"]) if "verdict" in meta else None,
         **floats,

@@ -4,34 +4,41 @@ After Inai, Takabayashi, Edama and Kubo (2020), formulated at the END of the con
 that the acceleration at the predicted end state takes its desired value. The prediction is a trial: the plant itself is
 stepped over the window, and a Newton step on the end acceleration corrects the activation.
 
-At the end (q, v, a) of a trial with excitation u and reserve s, with qacc its acceleration and h the window:
+At the end (q, v, a) of a trial with excitation u and reserve s, with qacc its acceleration and h the window, what is
+missing is the acceleration
 
-    qacc_d = q''_d + kv (v_d - v) + kp (q_d - q)
-    d      = (qacc_d - qacc)/c,                    c = 1 + kv h/2 + kp h^2/6
-    B (a* - a) + T (s* - s) = E d,                 E = M + h/2 D + h^2/6 K
+    r = q''_d + kv (v_d - v) + kp (q_d - q) - qacc
 
-D = -dF/dv and K = -dF/dq of all smooth forces at fixed activation; a change of acceleration that grows linearly over
-the window changes v by h/2 d and q by h^2/6 d at its end, hence c and the effective mass E. A reserve is constant over
-the window: it changes v by h d and q by h^2/2 d, hence T = E diag(c_s/c) E_s^-1 with c_s = 1 + kv h + kp h^2/2 and
-E_s = M + h D + h^2/2 K. The allocation finds a* within what activation can reach, and u* is the excitation that
-reaches it; its slack is T s*.
+and a change of activation da at the window's end, and of the reserve ds, changes it by -X da - Y ds, where X and Y
+hold how the end's acceleration, velocity (times kv) and position (times kp) answer (see `sensitivity`). In units of
+joint moment, with E = M + h/2 D + h^2/6 K and c = 1 + kv h/2 + kp h^2/6 (what a change that grows linearly over the
+window would meet), N = E diag(1/c), the allocation is asked for
+
+    A a* + T s* = A a + T s + N r,        A = N X where B is not zero, T = N Y
+
+within what activation can reach; u* is the excitation that reaches a*. A is close to B, the joint moments at full
+activation, and has its zeros: a muscle also moves joints that it does not cross, but so little that it would spend all
+its force on it where the others saturate, and the model then does not come back to the motion.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc import dynamics
 from mjhcmc.allocation import allocate, build_problem
-from mjhcmc.errors import SettingsError
+from mjhcmc.errors import SettingsError, SimulationError
 from mjhcmc.methods.windows import Progress, Record, SolveInterrupted, Windows, decay_rate, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
 from mjhcmc.plant import MujocoPlant, State
+from mjhcmc.sensitivity import build_up, window_response
 from mjhcmc.solution import Solution
+
+_CROSSES = 1e-9  # of the largest moment: below it a muscle's moment at a joint is rounding of its path
 
 
 def hcmc(
@@ -45,8 +52,8 @@ def hcmc(
     reserves: bool = True,
     *,
     trials: int = 2,
-    gain: float = 2.0,
-    authority: float = 0.3,
+    gain: float = 3.0,
+    authority: float = 0.2,
     solver: str = "newton",
     plant: MujocoPlant | None = None,
     progress: Progress | None = None,
@@ -63,7 +70,7 @@ def hcmc(
         initial_activation: (n_muscle,) or one number; by default the allocation of the first desired acceleration.
         reserves: apply to the joints what the muscles cannot give. Without, the muscles do what they can.
         trials: trial windows for each control window.
-        gain: feedback bandwidth times dt: errors are to vanish in about dt/gain.
+        gain: feedback bandwidth times dt: errors are to vanish in about dt/gain. Beyond 4 excitations chatter.
         authority: share of the muscles' acceleration that feedback may ask for.
         solver: ``"newton"``, or a qpsolvers back end.
         plant: what is stepped; the model in MuJoCo by default.
@@ -78,39 +85,64 @@ def hcmc(
         SimulationError: the physics step is unstable, or the simulation diverged.
         SolveInterrupted: a KeyboardInterrupt came; it carries what was solved.
     """
-    if trials < 1:
-        raise SettingsError(f"trials must be at least 1; got {trials}")
-    for name, value in (("gain", gain), ("authority", authority)):
-        if not (np.isfinite(value) and value > 0):
-            raise SettingsError(f"{name} must be positive; got {value}")
+    settings = _Settings(bool(reserves), int(trials), float(gain), float(authority), solver)
     windows = prepare(model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, plant)
-    settings = {
-        "method": "hcmc",
-        "reserves": reserves,
-        "trials": trials,
-        "gain": gain,
-        "authority": authority,
-        "solver": solver,
-    }
-    start, s = initial_activation_for(windows, solver)
-    s = s if reserves else np.zeros(model.nv)
-    u = np.clip(start.activation, model.excitation_range[:, 0], model.excitation_range[:, 1])
-    record = Record(windows, states=[start])
+    start, reserve = initial_activation_for(windows, solver)
+    aim = _Aim(
+        excitation=np.clip(start.activation, *model.excitation_range.T),
+        reserve=reserve if reserves else np.zeros(model.nv),
+        shortfall=reserve,
+        fastest_rate=0.0,
+    )
+    record = Record(windows, {"method": "hcmc", **asdict(settings)}, [start])
     try:
         for k in range(windows.count):
-            feedback = Feedback.at(windows, k, record.states[-1], s, gain, authority)
-            aim = _aim(windows, k, record.states[-1], u, s, feedback, trials, solver, reserves)
-            u, s = aim.excitation, aim.reserve
+            aim = _aim(windows, k, record.states[-1], aim, settings)
             windows.plant.set_state(record.states[-1])
-            windows.plant.advance(u, s, windows.n_step)
+            windows.plant.advance(aim.excitation, aim.reserve, windows.n_step)
             end = replace(windows.plant.get_state(), time=float(windows.reference.time[k + 1]))
-            record.window(u, s, aim.shortfall, aim.fastest_rate, end)
+            record.window(aim.excitation, aim.reserve, aim.shortfall, aim.fastest_rate, end)
             if progress is not None:
                 progress(k + 1, windows.count)
+        return record.solution()
     except KeyboardInterrupt as interrupt:
-        done = record.solution(settings, interrupted=True) if record.excitation else None
-        raise SolveInterrupted(done) from interrupt
-    return record.solution(settings)
+        raise SolveInterrupted(record.solution(interrupted=True) if record.count else None) from interrupt
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """The method's own settings; see `hcmc`."""
+
+    reserves: bool
+    trials: int
+    gain: float
+    authority: float
+    solver: str
+
+    def __post_init__(self) -> None:
+        if self.trials < 1:
+            raise SettingsError(f"trials must be at least 1; got {self.trials}")
+        for name in ("gain", "authority"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise SettingsError(f"{name} must be positive; got {value}")
+
+
+@dataclass(frozen=True)
+class _Aim:
+    """What one window is driven with.
+
+    Attributes:
+        excitation: (n_muscle,).
+        reserve: (nv,) N m, applied.
+        shortfall: (nv,) N m, what the muscles cannot give.
+        fastest_rate: 1/s, decay rate of the velocities at the end of the last trial.
+    """
+
+    excitation: NDArray[np.float64]
+    reserve: NDArray[np.float64]
+    shortfall: NDArray[np.float64]
+    fastest_rate: float
 
 
 def initial_activation_for(windows: Windows, solver: str) -> tuple[State, NDArray[np.float64]]:
@@ -131,102 +163,71 @@ def initial_activation_for(windows: Windows, solver: str) -> tuple[State, NDArra
     return (start if given else replace(start, activation=found.activation)), found.reserve
 
 
-@dataclass(frozen=True)
-class Feedback:
-    """Gains of one window, chosen from the error at its start.
+def _feedback(
+    windows: Windows, k: int, state: State, reserve: NDArray[np.float64], settings: _Settings
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gains kp (nv,) 1/s^2 and kv (nv,) 1/s of window k, from the error at its start.
 
-    Attributes:
-        kp: (nv,) 1/s^2.
-        kv: (nv,) 1/s.
+    Critically damped, as fast as gain/h and no faster than the joint can follow: kp = w^2, kv = 2 w,
+    w_j = min(gain/h, alpha_j/(|e'_j| + sqrt(e'_j^2 + alpha_j |e_j|))), so that w^2 |e| + 2 w |e'| <= alpha_j.
+    alpha_j is a share of the smaller of the accelerations that full activation gives the joint either way. Where
+    reserves help it is at least the rms of q''_d, or a motion beyond the muscles would be fed forward and not fed
+    back. A joint that nothing limits keeps gain/h.
     """
-
-    kp: NDArray[np.float64]
-    kv: NDArray[np.float64]
-
-    @classmethod
-    def at(
-        cls,
-        windows: Windows,
-        k: int,
-        state: State,
-        reserve: NDArray[np.float64],
-        gain: float,
-        authority: float,
-    ) -> Feedback:
-        """Critically damped, as fast as gain/h and no faster than the muscles can follow, joint by joint.
-
-        kp = w^2, kv = 2 w, w_j = min(gain/h, alpha_j/(|e'_j| + sqrt(e'_j^2 + alpha_j |e_j|))): w^2 |e| + 2 w |e'| then
-        asks for at most alpha_j, the given share of the smaller of the accelerations that full activation gives the
-        joint either way. A joint that no muscle moves belongs to its reserve and keeps gain/h.
-
-        Args:
-            windows: the solve.
-            k: the window's index.
-            state: at its start.
-            reserve: (nv,) N m, held in the window before.
-            gain: see `hcmc`.
-            authority: see `hcmc`.
-        """
-        plant = windows.plant
-        plant.set_state(state)
-        plant.set_input(None, reserve)
-        plant.forward()
-        reach = np.linalg.solve(dynamics.mass_matrix(plant), dynamics.muscle_moments(plant).B)
-        alpha = authority * np.minimum(np.maximum(reach, 0).sum(axis=1), np.maximum(-reach, 0).sum(axis=1))
-        e = np.abs(windows.reference.qpos[k] - state.qpos)
-        e_rate = np.abs(windows.reference.qvel[k] - state.qvel)
-        fastest = gain / windows.dt
-        denominator = e_rate + np.sqrt(e_rate**2 + alpha * e)
-        limited = (denominator > 0) & (alpha > 0)
-        w = np.full(windows.model.nv, fastest)
-        w[limited] = np.minimum(fastest, alpha[limited] / denominator[limited])
-        return cls(kp=w**2, kv=2 * w)
+    plant, reference = windows.plant, windows.reference
+    plant.set_state(state)
+    plant.set_input(None, reserve)
+    plant.forward()
+    reach = np.linalg.solve(dynamics.mass_matrix(plant), dynamics.muscle_moments(plant).B)
+    alpha = settings.authority * np.minimum(np.maximum(reach, 0).sum(axis=1), np.maximum(-reach, 0).sum(axis=1))
+    if settings.reserves:
+        alpha = np.maximum(alpha, np.sqrt((reference.qacc**2).mean(axis=0)))
+    e = np.abs(reference.qpos[k] - state.qpos)
+    e_rate = np.abs(reference.qvel[k] - state.qvel)
+    denominator = e_rate + np.sqrt(e_rate**2 + alpha * e)
+    limited = (denominator > 0) & (alpha > 0)
+    w = np.full(windows.model.nv, settings.gain / windows.dt)
+    w[limited] = np.minimum(w[limited], alpha[limited] / denominator[limited])
+    return w**2, 2 * w
 
 
-@dataclass(frozen=True)
-class _Aim:
-    excitation: NDArray[np.float64]
-    reserve: NDArray[np.float64]
-    shortfall: NDArray[np.float64]
-    fastest_rate: float
-
-
-def _aim(
-    windows: Windows,
-    k: int,
-    start: State,
-    u: NDArray[np.float64],
-    s: NDArray[np.float64],
-    feedback: Feedback,
-    trials: int,
-    solver: str,
-    reserves: bool,
-) -> _Aim:
-    """Excitation and reserve of window k, corrected by trial windows; the equations are in the module's docstring."""
+def _aim(windows: Windows, k: int, start: State, aim: _Aim, settings: _Settings) -> _Aim:
+    """The aim of window k, corrected by trial windows from that of the window before (see the module's docstring)."""
     plant, reference, h = windows.plant, windows.reference, windows.dt
-    kp, kv = feedback.kp, feedback.kv
+    prm, n = plant.model.activation_parameters, plant.model.n_muscle
+    kp, kv = _feedback(windows, k, start, aim.reserve, settings)
     c = 1 + kv * h / 2 + kp * h**2 / 6
-    c_reserve = 1 + kv * h + kp * h**2 / 2
     lb, ub = plant.reachable(start.activation, windows.n_step)
-    shortfall, rate = s, 0.0
-    for _ in range(trials):
+    for _ in range(settings.trials):
         plant.set_state(start)
-        plant.advance(u, s, windows.n_step)
+        plant.advance(aim.excitation, aim.reserve, windows.n_step)
         end = plant.get_state()
         qacc = plant.forward().copy()
-        moments = dynamics.muscle_moments(plant)
+        if not (np.isfinite(qacc).all() and np.isfinite(end.activation).all()):
+            raise SimulationError(
+                f"the simulation diverged in the window at {reference.time[k]:.4g} s: use a smaller physics_dt, "
+                "filter the motion, or switch reserves on"
+            )
+        B = dynamics.muscle_moments(plant).B
         M = dynamics.mass_matrix(plant)
         D, K = dynamics.damping_and_stiffness(plant)
-        rate = decay_rate(M, D)
-        qacc_desired = (
-            reference.qacc[k + 1] + kv * (reference.qvel[k + 1] - end.qvel) + kp * (reference.qpos[k + 1] - end.qpos)
+        v_error, q_error = reference.qvel[k + 1] - end.qvel, reference.qpos[k + 1] - end.qpos
+        r = reference.qacc[k + 1] + kv * v_error + kp * q_error - qacc
+
+        phi = build_up(start.activation, aim.excitation, prm, plant.physics_dt, windows.n_step)
+        response = window_response(M, D, K, B, phi, plant.physics_dt)
+        answer = response.qacc + kv[:, None] * response.qvel + kp[:, None] * response.qpos
+        N = (M + h / 2 * D + h**2 / 6 * K) / c
+        A = np.where(np.abs(B) > _CROSSES * np.abs(B).max(initial=0.0), N @ answer[:, :n], 0.0)
+        T = N @ answer[:, n:]
+        Q = A @ end.activation + T @ aim.reserve + N @ r
+        found = allocate(build_problem(A, Q, lb, ub, inertia=M), settings.solver)
+
+        shortfall = np.asarray(np.linalg.solve(T, found.reserve))
+        aim = _Aim(
+            excitation=plant.excitation_reaching(start.activation, found.activation, windows.n_step),
+            reserve=shortfall if settings.reserves else np.zeros_like(shortfall),
+            shortfall=shortfall,
+            fastest_rate=decay_rate(M, D),
         )
-        E = M + h / 2 * D + h**2 / 6 * K
-        E_reserve = M + h * D + h**2 / 2 * K
-        T = (E * (c_reserve / c)) @ np.linalg.inv(E_reserve)
-        Q = moments.B @ end.activation + T @ s + E @ ((qacc_desired - qacc) / c)
-        found = allocate(build_problem(moments.B, Q, lb, ub, inertia=M), solver)
-        shortfall = np.linalg.solve(T, found.reserve)
-        s = shortfall if reserves else np.zeros_like(s)
-        u = plant.excitation_reaching(start.activation, found.activation, windows.n_step)
-    return _Aim(u, s, shortfall, rate)
+    return aim

@@ -19,6 +19,7 @@ from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State, physics_steps
 from mjhcmc.solution import Solution, window_status
 
 _MODES_CHECKED = 50
+_MOST_STEPS = 10**8  # days of work, gigabytes of record
 
 Progress = Callable[[int, int], None]
 """Called with (windows solved, windows in all)."""
@@ -88,7 +89,7 @@ def prepare(
         SimulationError: a physics step at which the model's passive damping is unstable.
     """
     for name, value in (("dt", dt), ("physics_dt", physics_dt)):
-        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
+        if not (isinstance(value, (int, float, np.floating)) and math.isfinite(value) and value > 0):
             raise SettingsError(f"{name} must be a positive number of seconds; got {value}")
     if motion.qpos.shape[1] != model.nq:
         raise MotionError(
@@ -96,6 +97,11 @@ def prepare(
             f"({', '.join(model.joint_names)}): build the motion for this model"
         )
     count = math.floor(motion.duration / dt + 1e-6)
+    if count * physics_steps(dt, physics_dt) > _MOST_STEPS:
+        raise SettingsError(
+            f"dt {dt:g} s and physics_dt {physics_dt:g} s cut the motion ({motion.duration:g} s) into more than "
+            f"{_MOST_STEPS:.0e} steps: choose larger ones"
+        )
     if count < 1:
         raise SettingsError(f"dt {dt:g} s is longer than the motion ({motion.duration:g} s): choose a smaller dt")
     lost = motion.duration - count * dt
@@ -174,10 +180,11 @@ def _check_passive_stability(windows: Windows) -> None:
 
 @dataclass
 class Record:
-    """What a method writes down as it goes: the state at each node, the inputs of each window."""
+    """What a method writes down as it goes: its settings, the state at each node, the inputs of each window."""
 
     windows: Windows
-    states: list[State] = field(default_factory=list)
+    settings: dict[str, Any]
+    states: list[State]
     excitation: list[NDArray[np.float64]] = field(default_factory=list)
     reserve: list[NDArray[np.float64]] = field(default_factory=list)
     shortfall: list[NDArray[np.float64]] = field(default_factory=list)
@@ -213,42 +220,45 @@ class Record:
         self.fastest_rate.append(fastest_rate)
         self.states.append(end)
 
-    def solution(self, settings: dict[str, Any], *, interrupted: bool = False) -> Solution:
+    @property
+    def count(self) -> int:
+        """Windows written down whole: the state at the end comes last, also when an interrupt falls between."""
+        return len(self.states) - 1
+
+    def solution(self, *, interrupted: bool = False) -> Solution:
         """Everything that follows from the record; one pass over the nodes."""
         windows, model, plant = self.windows, self.windows.model, self.windows.plant
-        n = len(self.excitation)
-        reserve = np.array(self.reserve).reshape(n, model.nv)
-        shortfall = np.array(self.shortfall).reshape(n, model.nv)
+        n = self.count
+        reserve, shortfall = np.array(self.reserve[:n]), np.array(self.shortfall[:n])
         force, moment = np.empty((n + 1, model.n_muscle)), np.empty((n + 1, model.nv))
-        for k, state in enumerate(self.states[: n + 1]):
+        for k, state in enumerate(self.states):
             plant.set_state(state)
             plant.set_input(None, reserve[min(k, n - 1)])
             plant.forward()
             force[k] = dynamics.node_forces(plant).muscle_force
             moment[k] = dynamics.net_joint_moment(plant)
-        qpos = np.array([state.qpos for state in self.states[: n + 1]])
+        qpos = np.array([state.qpos for state in self.states])
         desired = windows.reference.qpos[: n + 1]
         everything = {
-            "method": "",
             "model": model.name,
             "motion": windows.motion_name,
             "dt": windows.dt,
             "physics_dt": plant.physics_dt,
-            **settings,
+            **self.settings,
         }
         return Solution(
             time=windows.reference.time[: n + 1].copy(),
-            excitation=np.array(self.excitation).reshape(n, model.n_muscle),
-            activation=np.array([state.activation for state in self.states[: n + 1]]),
+            excitation=np.array(self.excitation[:n]),
+            activation=np.array([state.activation for state in self.states]),
             qpos=qpos,
             qpos_desired=desired.copy(),
-            qvel=np.array([state.qvel for state in self.states[: n + 1]]),
+            qvel=np.array([state.qvel for state in self.states]),
             tracking_error=qpos - desired,
             net_joint_moment=moment,
             muscle_force=force,
             reserve=reserve,
             shortfall=shortfall,
-            status=window_status(moment, reserve, shortfall, np.array(self.fastest_rate) * plant.physics_dt),
+            status=window_status(moment, reserve, shortfall, np.array(self.fastest_rate[:n]) * plant.physics_dt),
             muscle_names=model.muscle_names,
             dof_names=model.dof_names,
             dof_is_rotation=model.joint_is_rotation.copy(),

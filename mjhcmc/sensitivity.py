@@ -1,0 +1,126 @@
+"""How the end of a control window answers to what acts over it.
+
+Linear in the deviations from a trial window: with f(t) = B phi(t) da the change of the muscles' joint moments, phi(t)
+the way a change of activation builds up over the window (1 at its end), and a change ds of the reserves,
+
+    M dq'' + D dq' + K dq = B phi(t) da + ds,    dq = dq' = 0 at the window's start,
+
+integrated by the trapezoidal rule over the physics steps (it cannot blow up, however stiff the active muscles are).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc.activation import advance_one
+
+
+@dataclass(frozen=True)
+class WindowResponse:
+    """Changes at the window's end for unit changes at their end: columns are muscles, then reserves.
+
+    Attributes:
+        qacc: (nv, n_muscle + nv) rad/s^2 per unit of activation, per N m.
+        qvel: (nv, n_muscle + nv) rad/s.
+        qpos: (nv, n_muscle + nv) rad.
+    """
+
+    qacc: NDArray[np.float64]
+    qvel: NDArray[np.float64]
+    qpos: NDArray[np.float64]
+
+
+def window_response(
+    M: NDArray[np.float64],
+    D: NDArray[np.float64],
+    K: NDArray[np.float64],
+    B: NDArray[np.float64],
+    phi: NDArray[np.float64],
+    step: float,
+) -> WindowResponse:
+    """Solve the equation above for unit changes of each activation and each reserve.
+
+    Args:
+        M: (nv, nv) kg m^2, mass matrix.
+        D: (nv, nv) N m s, -dF/dv of all smooth forces at fixed activation.
+        K: (nv, nv) N m, -dF/dq likewise.
+        B: (nv, n_muscle) N m, joint moments at full activation.
+        phi: (n_step + 1, n_muscle) build-up of activation, see `build_up`.
+        step: s, physics step.
+    """
+    nv, n = B.shape
+    inverse = np.linalg.inv(M + step / 2 * D + step**2 / 4 * K)
+    acc, vel, pos = (np.zeros((nv, n + nv)) for _ in range(3))
+    acc[:, :n] = np.linalg.solve(M, B * phi[0])
+    acc[:, n:] = np.linalg.inv(M)
+    _integrate(inverse, D, K, B, phi, step, acc, vel, pos)
+    return WindowResponse(acc, vel, pos)
+
+
+@numba.njit(cache=True)
+def _integrate(inverse, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-untyped-def]
+    nv, columns = acc.shape
+    n = B.shape[1]
+    half, quarter = step / 2, step * step / 4
+    v, q, rhs = np.empty(nv), np.empty(nv), np.empty(nv)
+    for c in range(columns):
+        for j in range(1, phi.shape[0]):
+            for i in range(nv):
+                v[i] = vel[i, c] + half * acc[i, c]
+                q[i] = pos[i, c] + step * vel[i, c] + quarter * acc[i, c]
+            for i in range(nv):
+                if c < n:
+                    rhs[i] = B[i, c] * phi[j, c]
+                else:
+                    rhs[i] = 1.0 if c - n == i else 0.0
+                for k in range(nv):
+                    rhs[i] -= D[i, k] * v[k] + K[i, k] * q[k]
+            for i in range(nv):
+                a = 0.0
+                for k in range(nv):
+                    a += inverse[i, k] * rhs[k]
+                acc[i, c] = a
+                vel[i, c] = v[i] + half * a
+                pos[i, c] = q[i] + quarter * a
+
+
+def build_up(
+    activation: NDArray[np.float64],
+    excitation: NDArray[np.float64],
+    parameters: NDArray[np.float64],
+    step: float,
+    n_step: int,
+) -> NDArray[np.float64]:
+    """phi (n_step + 1, n_muscle): how a small change of excitation builds up in activation, 1 at the window's end.
+
+    Args:
+        activation: (n_muscle,) at the window's start.
+        excitation: (n_muscle,) of the trial.
+        parameters: (n_muscle, 3) activation dynamics, see `MuscleModel`.
+        step: s, physics step.
+        n_step: physics steps in the window.
+    """
+    phi = np.empty((n_step + 1, activation.size))
+    _build_up(activation, excitation, parameters, step, n_step, phi)
+    return phi
+
+
+_CHANGE = 1e-3  # of excitation: well above rounding, well below what matters
+
+
+@numba.njit(cache=True)
+def _build_up(a0, u, prm, step, n_step, phi):  # type: ignore[no-untyped-def]
+    for i in range(a0.size):
+        other = u[i] + _CHANGE if u[i] < 0.5 else u[i] - _CHANGE
+        a, b = a0[i], a0[i]
+        phi[0, i] = 0.0
+        for j in range(1, n_step + 1):
+            a = advance_one(a, u[i], prm[i, 0], prm[i, 1], prm[i, 2], step, 1)
+            b = advance_one(b, other, prm[i, 0], prm[i, 1], prm[i, 2], step, 1)
+            phi[j, i] = b - a
+        for j in range(1, n_step + 1):
+            phi[j, i] /= b - a

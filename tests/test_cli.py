@@ -1,0 +1,745 @@
+"""The command line: files out, exit codes, one line for each bad input, interrupts."""
+
+import contextlib
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import HANGING_MASS, LINEAR_ACTUATOR, PENDULUMS
+
+import mjhcmc
+from mjhcmc.cli import main
+from mjhcmc.io.opensim import write_table
+
+MUSCLES = ("iliopsoas", "glut_max", "rect_fem", "hamstrings", "vasti", "gastroc", "soleus", "tib_ant")
+JOINTS = ("hip", "knee", "ankle")
+FIGURES = ("excitations.png", "excitations.pdf", "tracking.png", "tracking.pdf")
+COLUMNS = ("pelvis_tx", "knee", "hip", "ankle")  # not the model's order, and one too many
+FIRST_ROW = 8  # line of the first row of a table that write_table wrote
+LONG = "x" * 300
+
+
+@dataclasses.dataclass
+class Outcome:
+    code: int
+    out: str
+    err: str
+
+    @property
+    def notices(self) -> list[str]:
+        return [line for line in self.err.splitlines() if line.startswith("mjhcmc: notice: ")]
+
+    @property
+    def errors(self) -> list[str]:
+        return [line for line in self.err.splitlines() if not line.startswith("mjhcmc: notice: ")]
+
+
+@pytest.fixture
+def run(capfd):
+    """Run the command line in this process; what C code prints is seen too."""
+
+    def run(*arguments) -> Outcome:
+        with pytest.raises(SystemExit) as stop:
+            main([str(argument) for argument in arguments])
+        out, err = capfd.readouterr()
+        return Outcome(stop.value.code, out, err)
+
+    return run
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Leave the figures out where a test is not about them: they take a second."""
+    for name in ("excitation_figure", "tracking_figure"):
+        monkeypatch.setattr(f"mjhcmc.plotting.{name}", lambda solution: None)
+    monkeypatch.setattr("mjhcmc.plotting.save_figure", lambda figure, stem: [])
+
+
+@pytest.fixture
+def mot(tmp_path, leg8):
+    """Write a motion file: cycles of a cosine movement of the leg, 5 ms a row; edit changes its lines."""
+
+    def write(name="walk.mot", *, edit=None, movement="slow", cycles=1, factor=1.0, start=0.0, amplitudes=None, **more):
+        amplitudes = amplitudes or dict(zip(JOINTS, np.deg2rad([10, -20, -10]), strict=True))
+        period = more.pop("period", {"slow": 0.6, "fast": 0.2}[movement])
+        motion = mjhcmc.Motion.cosine(leg8, amplitudes=amplitudes, period=period, cycles=cycles)
+        rows = np.linspace(0, motion.end, round(motion.end / 0.005) + 1)
+        hip, knee, ankle = factor * np.rad2deg(motion.sample(rows).qpos).T
+        path = tmp_path / name
+        columns = more.pop("columns", COLUMNS)
+        values = np.column_stack([rows, knee, hip, ankle])
+        write_table(path, columns, start + rows, values, name="a walk", in_degrees=more.pop("in_degrees", True))
+        if edit is not None:
+            lines = path.read_text().splitlines()
+            edit(lines)
+            path.write_text("\n".join(lines) + "\n")
+        return path
+
+    return write
+
+
+def put(row, column, text):
+    """An edit: this text at a row (from 0) and column (time is 0)."""
+
+    def edit(lines):
+        cells = lines[FIRST_ROW - 1 + row].split("\t")
+        cells[column] = text
+        lines[FIRST_ROW - 1 + row] = "\t".join(cells)
+
+    return edit
+
+
+def replaced(old, new):
+    """An edit: new for old in every line."""
+
+    def edit(lines):
+        lines[:] = [line.replace(old, new) for line in lines]
+
+    return edit
+
+
+# --- what a good run leaves behind ------------------------------------------------------------------------------
+
+
+def test_solve_writes_solution_verdict_and_figures(run, mot, tmp_path, leg8):
+    out = tmp_path / "deep" / "out"
+    outcome = run("solve", mot(), "--out", out)
+    assert outcome.code == 0
+    assert sorted(path.name for path in out.iterdir()) == sorted(("solution.parquet", "verdict.json", *FIGURES))
+    for name in FIGURES:
+        assert (out / name).read_bytes().startswith(b"\x89PNG" if name.endswith("png") else b"%PDF")
+    solution = mjhcmc.Solution.load(out / "solution.parquet")
+    direct = mjhcmc.hcmc(leg8, mjhcmc.Motion.from_file(mot("again.mot"), leg8))
+    np.testing.assert_array_equal(solution.excitation, direct.excitation)
+    np.testing.assert_array_equal(solution.time, direct.time)
+    verdict = json.loads((out / "verdict.json").read_text())
+    assert mjhcmc.Verdict.from_dict(verdict) == solution.verdict == direct.verdict
+    assert verdict["passed"] is True
+    assert len(pd.read_parquet(out / "solution.parquet")) == 61
+    for word in (*JOINTS, *MUSCLES, "verdict  holds", str(out / "tracking.pdf"), "60 windows of 10 ms"):
+        assert word in outcome.out
+    assert max(len(line) for line in outcome.out.splitlines() if not line.startswith("written")) <= 110
+    assert len(outcome.out.splitlines()) <= 24, "one screen"
+    assert outcome.notices == ["mjhcmc: notice: columns not used: pelvis_tx"]
+    assert outcome.errors == []
+
+
+def test_json_is_one_object_and_nothing_else(run, mot, tmp_path, no_figures):
+    out = tmp_path / "out"
+    outcome = run("solve", mot(), "--json", "--out", out)
+    assert outcome.code == 0
+    assert outcome.out.count("\n") == 1
+    result = json.loads(outcome.out)
+    for key in ("max_error_deg", "rmse_deg", "peak_moment_nm", "peak_reserve_nm", "replay_max_error_deg"):
+        assert tuple(result[key]) == JOINTS
+    assert tuple(result["peak_excitation"]) == MUSCLES
+    assert result["verdict"]["passed"] is True
+    assert result["interrupted"] is False
+    assert result["settings"]["dt"] == 0.01
+    assert result["files"] == [str(out / "solution.parquet"), str(out / "verdict.json")]
+    solution = mjhcmc.Solution.load(out / "solution.parquet")
+    error = np.rad2deg(np.abs(solution.tracking_error))
+    np.testing.assert_allclose(list(result["max_error_deg"].values()), error.max(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(list(result["rmse_deg"].values()), np.sqrt((error**2).mean(axis=0)), rtol=1e-12)
+    np.testing.assert_allclose(list(result["peak_excitation"].values()), solution.excitation.max(axis=0), rtol=1e-12)
+
+
+def test_quiet_prints_nothing(run, mot, tmp_path, no_figures):
+    assert run("solve", mot(), "--quiet", "--out", tmp_path / "out") == Outcome(0, "", "")
+    assert (tmp_path / "out" / "solution.parquet").is_file()
+
+
+def test_quiet_still_tells_errors(run, mot, tmp_path):
+    outcome = run("solve", tmp_path / "none.mot", "--quiet", "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert len(outcome.errors) == 1
+
+
+def test_start_and_end_are_on_the_files_clock(run, mot, tmp_path, no_figures):
+    path = mot(start=0.6)
+    assert run("solve", path, "--start", 0.7, "--end", 0.95, "--dt", 0.005, "--out", tmp_path / "out").code == 0
+    solution = mjhcmc.Solution.load(tmp_path / "out" / "solution.parquet")
+    np.testing.assert_allclose(solution.time, 0.7 + 0.005 * np.arange(51), atol=1e-12)
+    assert solution.dt == 0.005
+
+
+def test_a_map_names_columns_and_flips_signs(run, mot, tmp_path, no_figures):
+    def edit(lines):
+        lines[FIRST_ROW - 2] = "time\tx\tbend\tswing\tfoot"
+        for row in range(FIRST_ROW - 1, len(lines)):
+            cells = lines[row].split("\t")
+            cells[2] = repr(-float(cells[2]))
+            lines[row] = "\t".join(cells)
+
+    (tmp_path / "map.json").write_text('{"hip": "swing", "knee": "-bend", "ankle": "foot"}')
+    mapped = mot("mapped.mot", edit=edit)
+    assert run("solve", mapped, "--map", tmp_path / "map.json", "--out", tmp_path / "mapped").code == 0
+    assert run("solve", mot(), "--out", tmp_path / "plain").code == 0
+    found, expected = (mjhcmc.Solution.load(tmp_path / name / "solution.parquet") for name in ("mapped", "plain"))
+    np.testing.assert_array_equal(found.excitation, expected.excitation)
+
+
+def test_lowpass_filters_and_says_so(run, mot, tmp_path, leg8, no_figures):
+    path = mot(movement="fast", cycles=3)
+    outcome = run("solve", path, "--lowpass", 6, "--out", tmp_path / "out")
+    assert outcome.code == 0
+    assert any("low-pass filtered at 6 Hz" in notice for notice in outcome.notices)
+    solution = mjhcmc.Solution.load(tmp_path / "out" / "solution.parquet")
+    desired = mjhcmc.Motion.from_file(path, leg8, 6.0).sample(solution.time).qpos
+    np.testing.assert_array_equal(solution.qpos_desired, desired)
+    raw = mjhcmc.Motion.from_file(path, leg8).sample(solution.time).qpos
+    assert np.rad2deg(np.abs(raw - desired).max()) > 1  # 6 Hz spoils a movement of 5 Hz
+
+
+def test_noise_is_told_before_it_drives_the_muscles(run, mot, tmp_path, no_figures):
+    def shake(lines):
+        noise = np.random.default_rng(0).normal(0, 0.005, len(lines))
+        for row in range(FIRST_ROW - 1, len(lines)):
+            cells = lines[row].split("\t")
+            cells[3] = repr(float(cells[3]) + float(noise[row]))
+            lines[row] = "\t".join(cells)
+
+    outcome = run("solve", mot(edit=shake), "--out", tmp_path / "out")
+    assert outcome.code in (0, 1), outcome.err
+    assert any("hip" in notice and "--lowpass" in notice for notice in outcome.notices)
+
+
+def test_solver_physics_dt_and_a_model_of_ones_own(run, tmp_path, two_joints, no_figures):
+    (tmp_path / "arm.xml").write_text(PENDULUMS)
+    t = np.linspace(0, 0.3, 31)
+    q = np.rad2deg(mjhcmc.Motion.cosine(two_joints, amplitudes={"elbow": 0.2}, period=0.3, cycles=1).sample(t).qpos)
+    write_table(tmp_path / "arm.sto", two_joints.joint_names, t, q, name="arm", in_degrees=True)
+    arguments = ["solve", tmp_path / "arm.sto", "--model", tmp_path / "arm.xml", "--physics-dt", 0.0005]
+    outcome = run(*arguments, "--solver", "daqp", "--json", "--out", tmp_path / "out")
+    assert outcome.code in (0, 1)
+    result = json.loads(outcome.out)
+    assert result["settings"]["solver"] == "daqp"
+    assert result["settings"]["physics_dt"] == 0.0005
+    assert result["settings"]["model"] == "two_joints"
+    assert tuple(result["max_error_deg"]) == ("shoulder", "elbow")
+
+
+def test_beyond_the_muscles_strength_all_is_solved_and_the_verdict_fails(run, mot, tmp_path, no_figures):
+    """Fast at three times its amplitude and half its period asks for twelve times the acceleration."""
+    amplitudes = dict(zip(JOINTS, np.deg2rad([30, -60, -30]), strict=True))
+    out = tmp_path / "out"
+    outcome = run("solve", mot(amplitudes=amplitudes, period=0.1, cycles=3), "--out", out)
+    assert outcome.code == 1
+    solution = mjhcmc.Solution.load(out / "solution.parquet")
+    assert solution.n_window == 30
+    assert np.isfinite(solution.excitation).all()
+    share = dict(zip(JOINTS, solution.verdict.peak_reserve_share, strict=True))
+    assert max(share.values()) > 0.05
+    assert "verdict  FAILS" in outcome.out
+    for joint in JOINTS:
+        if share[joint] > 0.05:
+            assert f"{joint}: reserve of" in outcome.out
+    assert "at full excitation: " in outcome.out
+    assert json.loads((out / "verdict.json").read_text())["passed"] is False
+
+
+def test_solving_again_replaces_and_keeps_what_is_not_its_own(run, mot, tmp_path, no_figures):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "notes.txt").write_text("mine")
+    for dt in (0.02, 0.01):
+        assert run("solve", mot(), "--dt", dt, "--out", out).code == 0
+    assert mjhcmc.Solution.load(out / "solution.parquet").dt == 0.01
+    assert sorted(path.name for path in out.iterdir()) == ["notes.txt", "solution.parquet", "verdict.json"]
+    assert run("solve", tmp_path / "none.mot", "--out", out).code == 2
+    assert (out / "notes.txt").read_text() == "mine"
+
+
+def test_the_measured_walk(run, tmp_path, walk_folder, leg8, no_figures):
+    path = walk_folder / "subject01_walk_IK.mot"
+    out = tmp_path / "out"
+    outcome = run("solve", path, "--lowpass", 6, "--dt", 0.005, "--out", out)
+    assert outcome.code in (0, 1)
+    assert outcome.errors == []
+    solution = mjhcmc.Solution.load(out / "solution.parquet")
+    desired = mjhcmc.Motion.from_file(path, leg8, 6.0).sample(solution.time).qpos
+    np.testing.assert_array_equal(solution.qpos_desired, desired)
+    assert np.rad2deg(np.abs(solution.qpos - desired).max()) < 0.05
+    table = pd.read_parquet(out / "solution.parquet")
+    assert len(table) == solution.n_window + 1
+    assert table["time"].iloc[0] == pytest.approx(mjhcmc.Motion.from_file(path, leg8).start)
+
+
+# --- notices: told, and the work goes on ------------------------------------------------------------------------
+
+
+def test_repeated_times_that_agree_are_dropped_with_a_notice(run, mot, tmp_path, no_figures):
+    path = mot(edit=lambda lines: (lines.insert(20, lines[19]), lines.__setitem__(2, "nRows=122")))
+    outcome = run("solve", path, "--out", tmp_path / "out")
+    assert outcome.code == 0
+    assert any("1 row dropped" in notice and "line 21" in notice for notice in outcome.notices)
+
+
+def test_columns_that_match_nothing_are_listed(run, mot, tmp_path, no_figures):
+    path = mot(edit=put(3, 1, "nan"))  # nor need they be sound
+    outcome = run("solve", path, "--out", tmp_path / "out")
+    assert outcome.code == 0
+    assert outcome.notices == ["mjhcmc: notice: columns not used: pelvis_tx"]
+
+
+def test_degrees_that_look_like_radians(run, mot, tmp_path, no_figures):
+    outcome = run("solve", mot(factor=np.pi / 180), "--out", tmp_path / "out")
+    assert outcome.code == 0
+    assert any("walk.mot" in notice and "looks like radians" in notice for notice in outcome.notices)
+
+
+def test_radians_that_look_like_degrees(run, tmp_path, two_joints, no_figures):
+    (tmp_path / "free.xml").write_text(PENDULUMS.replace('limited="true"', 'limited="false"'))
+    t = np.linspace(0, 0.3, 31)
+    q = np.outer(4 * (1 - np.cos(2 * np.pi * t / 0.3)), [0, 1])
+    write_table(tmp_path / "arm.mot", two_joints.joint_names, t, q, name="arm", in_degrees=False)
+    outcome = run("solve", tmp_path / "arm.mot", "--model", tmp_path / "free.xml", "--out", tmp_path / "out")
+    assert any("arm.mot" in notice and "looks like degrees" in notice for notice in outcome.notices)
+
+
+def test_a_dt_that_does_not_divide_is_told_once(run, mot, tmp_path, no_figures):
+    outcome = run("solve", mot(), "--dt", 0.007, "--out", tmp_path / "out")
+    assert outcome.code == 0
+    assert sum("does not divide" in notice for notice in outcome.notices) == 1
+
+
+def test_another_integrator_is_told(run, tmp_path, two_joints, no_figures):
+    (tmp_path / "arm.xml").write_text(PENDULUMS.replace("RK4", "implicitfast"))
+    q = np.zeros((31, 2))
+    write_table(tmp_path / "a.mot", two_joints.joint_names, np.linspace(0, 0.3, 31), q, name="a", in_degrees=True)
+    outcome = run("solve", tmp_path / "a.mot", "--model", tmp_path / "arm.xml", "--out", tmp_path / "out")
+    assert any("IMPLICITFAST" in notice and "RK4" in notice for notice in outcome.notices)
+
+
+def test_the_callers_warnings_stay_as_they_were(run, mot, tmp_path):
+    before = warnings.showwarning, list(warnings.filters), signal.getsignal(signal.SIGINT)
+    run("solve", tmp_path / "none.mot", "--quiet", "--out", tmp_path / "out")
+    assert (warnings.showwarning, list(warnings.filters), signal.getsignal(signal.SIGINT)) == before
+
+
+# --- bad input: one line, exit code 2, nothing left behind -------------------------------------------------------
+
+
+def refused(outcome, *words):
+    """Exit code 2, one line of error, no traceback, nothing on standard output, every word in the line."""
+    assert outcome.code == 2
+    assert outcome.out == ""
+    assert len(outcome.errors) == 1, outcome.err
+    (line,) = outcome.errors
+    assert line.startswith("mjhcmc: error: ")
+    assert "Traceback" not in line
+    for word in words:
+        assert str(word) in line
+
+
+def cut_rows(count):
+    """An edit: keep so many rows, and let the header say so."""
+
+    def edit(lines):
+        del lines[FIRST_ROW - 1 + count :]
+        lines[2] = f"nRows={count}"
+
+    return edit
+
+
+BAD_FILES = {
+    "no header": (lambda lines: lines.__delitem__(slice(0, 6)), ["endheader"]),
+    "no rows": (lambda lines: lines.__delitem__(slice(FIRST_ROW - 1, None)), ["no rows"]),
+    "no column names": (lambda lines: lines.__delitem__(slice(FIRST_ROW - 2, None)), ["endheader"]),
+    "cut between rows": (lambda lines: lines.__delitem__(slice(50, None)), ["nRows=121", "line 50", "cut off"]),
+    "cut in a row": (lambda lines: lines.__setitem__(slice(50, None), ["0.21\t1."]), ["line 51", "2 values"]),
+    "nan": (put(20, 2, "nan"), ["line 28", "'knee'", "nan"]),
+    "inf": (put(20, 3, "inf"), ["line 28", "'hip'", "inf"]),
+    "-inf": (put(0, 4, "-Inf"), ["line 8", "'ankle'", "-inf"]),
+    "nan time": (put(20, 0, "NaN"), ["line 28", "'time'", "nan"]),
+    "words": (put(20, 2, "bent"), ["line 28", "'knee'", "'bent'"]),
+    "three rows": (cut_rows(3), ["3 rows", "at least 4"]),
+    "one row": (cut_rows(1), ["1 row ", "at least 4"]),
+    "time stands": (put(20, 0, "0.095"), ["line 28", "0.095", "same time"]),
+    "time falls": (put(20, 0, "0.05"), ["line 28", "0.05", "0.095", "increase"]),
+    "no column": (replaced("knee", "elbow"), ["knee", "elbow", "leg8"]),
+    "twice the column": (replaced("pelvis_tx", "hip"), ["line 7", "'hip'"]),
+    "no inDegrees": (lambda lines: lines.__delitem__(4), ["inDegrees"]),
+    "odd inDegrees": (replaced("inDegrees=yes", "inDegrees=maybe"), ["inDegrees=maybe"]),
+    "degrees called radians": (replaced("inDegrees=yes", "inDegrees=no"), ["inDegrees=yes", "looks like degrees"]),
+    "outside its range": (replaced("knee\thip", "hip\tknee"), ["knee", "10", "deg", "0.3 s", "-120 .. 10"]),
+    "beyond its range": (put(60, 4, "95"), ["ankle", "deg", "s", "-90 .. 90"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_bad_motion_files(run, mot, tmp_path, case):
+    edit, words = BAD_FILES[case]
+    amplitudes = {"hip": np.deg2rad(15), "knee": np.deg2rad(-20)} if case == "outside its range" else None
+    path = mot("bad.mot", edit=edit, amplitudes=amplitudes)
+    refused(run("solve", path, "--out", tmp_path / "deep" / "out"), "bad.mot", *words)
+    assert not (tmp_path / "deep").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("none.mot", None, ["none.mot", "no such file"]),
+        ("empty.mot", b"", ["empty.mot", "empty"]),
+        ("blank.sto", b"\n \n", ["blank.sto", "empty"]),
+        ("binary.mot", bytes(range(256)) * 20, ["binary.mot", "not a text file"]),
+        ("zeros.mot", bytes(1000), ["zeros.mot", "not a text file"]),
+        ("prose.mot", b"Once upon a time\n", ["prose.mot", "endheader"]),
+        ("table.csv", b"time,hip\n0,1\n", ["table.csv", ".mot", ".sto"]),
+        ("nothing", b"", ["nothing", ".mot"]),
+        (f"{LONG}.mot", None, ["xxx.mot", "too long"]),
+    ],
+)
+def test_what_is_no_motion_file(run, tmp_path, name, content, words):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    refused(run("solve", tmp_path / name, "--out", tmp_path / "out"), *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_is_no_motion_file(run, tmp_path):
+    (tmp_path / "folder.mot").mkdir()
+    refused(run("solve", tmp_path / "folder.mot", "--out", tmp_path / "out"), "folder.mot", "is a folder")
+
+
+@pytest.mark.parametrize("share", np.linspace(0.001, 0.99, 12).round(3))
+def test_a_file_cut_off_anywhere(run, mot, tmp_path, share):
+    path = mot()
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    refused(run("solve", path, "--out", tmp_path / "out"), "walk.mot")
+    assert not (tmp_path / "out").exists()
+
+
+BAD_OPTIONS = {
+    "dt 0": (["--dt", "0"], ["dt", "positive", "0.0"]),
+    "dt < 0": (["--dt", "-0.01"], ["dt", "positive", "-0.01"]),
+    "dt nan": (["--dt", "nan"], ["dt", "nan"]),
+    "dt inf": (["--dt", "inf"], ["dt", "inf"]),
+    "dt too long": (["--dt", "0.7"], ["dt 0.7 s", "longer than the motion", "0.6 s"]),
+    "dt no number": (["--dt", "soon"], ["--dt", "'soon'"]),
+    "physics_dt 0": (["--physics-dt", "0"], ["physics_dt", "positive"]),
+    "physics_dt nan": (["--physics-dt", "nan"], ["physics_dt", "nan"]),
+    "method": (["--method", "magic"], ["'magic'", "hcmc"]),
+    "solver": (["--solver", "simplex"], ["'simplex'", "newton", "daqp"]),
+    "option": (["--spee", "3"], ["--spee"]),
+    "argument": (["second.mot"], ["second.mot"]),
+    "option without value": (["--dt"], ["--dt"]),
+    "lowpass 0": (["--lowpass", "0"], ["low-pass", "0"]),
+    "lowpass nan": (["--lowpass", "nan"], ["low-pass", "nan"]),
+    "lowpass too high": (["--lowpass", "150"], ["150", "100", "walk"]),
+    "start": (["--start", "3"], ["walk.mot", "start 3 s", "0 .. 0.6"]),
+    "start nan": (["--start", "nan"], ["walk.mot", "start nan"]),
+    "end": (["--end", "-1"], ["walk.mot", "end -1 s"]),
+    "end before start": (["--start", "0.4", "--end", "0.2"], ["walk.mot", "0.4", "0.2"]),
+    "crop of three rows": (["--start", "0.1", "--end", "0.11"], ["walk.mot", "3 rows", "at least 4"]),
+    "map missing": (["--map", "nowhere.json"], ["nowhere.json"]),
+    "model missing": (["--model", "leg9"], ["'leg9'", "leg8"]),
+    "model file missing": (["--model", "some/where.xml"], ["some/where.xml"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD_OPTIONS)
+def test_bad_options(run, mot, tmp_path, case):
+    arguments, words = BAD_OPTIONS[case]
+    refused(run("solve", mot(), "--out", tmp_path / "deep" / "out", *arguments), *words)
+    assert not (tmp_path / "deep").exists()
+
+
+def test_bad_commands(run, mot, tmp_path):
+    refused(run("slove"), "slove")
+    refused(run("--fast"), "--fast")
+    refused(run("solve"), "MOTION")
+    refused(run("solve", mot()), "--out")
+    refused(run("reproduce", "extra"), "extra")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{", ["not JSON", "line 1"]),
+        ("[1]", ["object"]),
+        ('{"hip": 3}', ["'hip'", "3"]),
+        ('{"elbow": "hip"}', ["elbow", "hip, knee, ankle"]),
+        ('{"hip": "swing"}', ["'swing'", "hip", "pelvis_tx"]),
+    ],
+)
+def test_bad_maps(run, mot, tmp_path, text, words):
+    (tmp_path / "map.json").write_text(text)
+    refused(run("solve", mot(), "--map", tmp_path / "map.json", "--out", tmp_path / "out"), *words)
+    assert not (tmp_path / "out").exists()
+
+
+BAD_MODELS = {
+    "empty": ("", []),
+    "prose": ("not XML at all", []),
+    "broken": (PENDULUMS[: len(PENDULUMS) // 2], []),
+    "misspelled": (PENDULUMS.replace("<geom", "<goem"), ["goem"]),
+    "no muscle": (PENDULUMS.replace("<muscle", "<motor").replace('lengthrange=".05 .35" ', "").replace(
+        'force="400" ', "").replace('force="200" ', ""), ["muscle"]),
+    "no actuator": (PENDULUMS[: PENDULUMS.index("<actuator>")] + "</mujoco>", ["muscle"]),
+    "forcerange": (HANGING_MASS.format(actuator=LINEAR_ACTUATOR.replace(
+        "/>", ' forcelimited="true" forcerange="-50 0"/>')), ["'pull'", "forcerange", "-50..0"]),
+    "actuatorfrcrange": (PENDULUMS.replace(
+        'name="elbow"', 'name="elbow" actuatorfrclimited="true" actuatorfrcrange="-1 1"'),
+        ["'elbow'", "actuatorfrcrange"]),
+    "ball joint": (PENDULUMS.replace(
+        'name="elbow" type="hinge" axis="0 -1 0" range="-120 120"', 'name="elbow" type="ball" range="0 120"'),
+        ["'elbow'"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_MODELS)
+def test_bad_models(run, mot, tmp_path, case):
+    text, words = BAD_MODELS[case]
+    (tmp_path / "own.xml").write_text(text)
+    outcome = run("solve", mot(), "--model", tmp_path / "own.xml", "--out", tmp_path / "out")
+    name = {"forcerange": "hanging"}.get(case, "two_joints") if words and case != "misspelled" else "own.xml"
+    refused(outcome, name, *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_no_model_file(run, mot, tmp_path):
+    (tmp_path / "binary.xml").write_bytes(bytes(range(256)) * 20)
+    (tmp_path / "folder.xml").mkdir()
+    for name in ("binary.xml", "folder.xml"):
+        refused(run("solve", mot(), "--model", tmp_path / name, "--out", tmp_path / "out"), name)
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_mujoco_warns_of_is_a_notice_and_leaves_no_log_behind(run, mot, tmp_path, monkeypatch):
+    (tmp_path / "binary.mjb").write_bytes(bytes(range(256)) * 20)
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    outcome = run("solve", mot(), "--model", tmp_path / "binary.mjb", "--out", tmp_path / "out")
+    refused(outcome, "binary.mjb")
+    assert any("MuJoCo: " in notice for notice in outcome.notices)
+    assert not list((tmp_path / "here").iterdir())
+
+
+def test_a_model_of_other_joints(run, mot, tmp_path):
+    (tmp_path / "arm.xml").write_text(PENDULUMS)
+    outcome = run("solve", mot(), "--model", tmp_path / "arm.xml", "--out", tmp_path / "out")
+    refused(outcome, "walk.mot", "shoulder", "two_joints", "pelvis_tx")
+
+
+def test_output_folders_that_cannot_be(run, mot, tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    here = sorted(path.name for path in (tmp_path, *[mot()]) if path.is_file())
+    for folder in (tmp_path / "file", tmp_path / "file" / "deep" / "out", tmp_path / LONG, tmp_path / "new" / LONG):
+        refused(run("solve", mot(), "--out", folder), folder, "cannot be written")
+        refused(run("reproduce", "--out", folder), folder, "cannot be written")
+    assert (tmp_path / "file").read_text() == "not a folder"
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["file", *here])
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="no /proc here: a folder where nobody may write")
+def test_an_output_folder_where_nobody_may_write(run, mot):
+    refused(run("solve", mot(), "--out", "/proc/mjhcmc/out"), "/proc/mjhcmc/out", "cannot be written")
+
+
+def test_bad_reproduce(run, tmp_path):
+    out = tmp_path / "out"
+    refused(run("reproduce", "--movement", "hop", "--out", out), "'hop'", "fast", "slow")
+    refused(run("reproduce", "--dt", "0", "--out", out), "dt", "positive")
+    refused(run("reproduce", "--dt", "9", "--out", out), "dt 9 s", "longer than the motion")
+    refused(run("reproduce", "--physics-dt", "-1", "--json"), "physics_dt", "positive")
+    assert not out.exists()
+
+
+# --- reproduce --------------------------------------------------------------------------------------------------
+
+
+def test_reproduce_json_is_the_contract_and_writes_nothing(run, tmp_path, monkeypatch, fast_solution):
+    monkeypatch.chdir(tmp_path)
+    outcome = run("reproduce", "--json")
+    assert outcome.code == 0
+    assert outcome.err == ""
+    assert outcome.out.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+    result = json.loads(outcome.out)
+    assert set(result) == {"movement", "dt", "physics_dt", "bare_step_time_s", "methods"}
+    assert (result["movement"], result["dt"], result["physics_dt"]) == ("fast", 0.01, 0.001)
+    hcmc = result["methods"]["hcmc"]
+    keys = {"max_error_deg", "rmse_deg", "peak_excitation", "peak_reserve_nm", "replay_max_error_deg", "solve_time_s"}
+    assert keys | {"verdict"} <= set(hcmc)
+    for key in ("max_error_deg", "rmse_deg", "peak_reserve_nm", "replay_max_error_deg"):
+        assert set(hcmc[key]) == set(JOINTS)
+    assert set(hcmc["peak_excitation"]) == set(MUSCLES)
+    error = np.rad2deg(np.abs(fast_solution.tracking_error))
+    np.testing.assert_allclose([hcmc["max_error_deg"][joint] for joint in JOINTS], error.max(axis=0), rtol=1e-9)
+    assert hcmc["verdict"]["passed"] is True
+    assert 0 < result["bare_step_time_s"] < hcmc["solve_time_s"] < 5
+
+
+def test_reproduce_writes_here_and_sets_itself_beside_the_paper(run, tmp_path, monkeypatch, no_figures):
+    monkeypatch.chdir(tmp_path)
+    outcome = run("reproduce", "--dt", "0.01")
+    assert outcome.code == 0
+    folder = tmp_path / "mjhcmc-reproduce"
+    assert {"solution.parquet", "verdict.json"} <= {path.name for path in folder.iterdir()}
+    for word in ("0.0537", "0.088", "0.2305", "0.0104", "0.01503", "0.0375", "4.85", "mjhcmc hcmc", "verdict  holds"):
+        assert word in outcome.out
+
+
+def test_reproduce_with_other_settings(run, tmp_path, no_figures):
+    outcome = run(
+        "reproduce", "--movement", "slow", "--dt", "0.05", "--physics-dt", "0.002", "--json", "--out", tmp_path
+    )
+    result = json.loads(outcome.out)
+    assert (result["movement"], result["dt"], result["physics_dt"]) == ("slow", 0.05, 0.002)
+    assert (tmp_path / "solution.parquet").is_file()
+
+
+def test_reproduce_tells_a_notice_once(run):
+    outcome = run("reproduce", "--dt", "0.07", "--json")
+    assert sum("does not divide" in notice for notice in outcome.notices) == 1
+
+
+# --- interrupts -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def interrupt_after(monkeypatch):
+    """Raise KeyboardInterrupt at a call of the plant's advance."""
+
+    def after(calls):
+        real, count = mjhcmc.MujocoPlant.advance, [0]
+
+        def advance(self, *arguments):
+            count[0] += 1
+            if count[0] == calls:
+                raise KeyboardInterrupt
+            return real(self, *arguments)
+
+        monkeypatch.setattr(mjhcmc.MujocoPlant, "advance", advance)
+
+    return after
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_an_interrupt_keeps_what_was_solved(run, mot, tmp_path, interrupt_after, no_figures, leg8, as_json):
+    path, out = mot(), tmp_path / "out"
+    whole = mjhcmc.hcmc(leg8, mjhcmc.Motion.from_file(path, leg8))
+    interrupt_after(50)
+    outcome = run("solve", path, "--out", out, *["--json"] * as_json)
+    assert outcome.code == 130
+    part = mjhcmc.Solution.load(out / "solution.parquet")
+    assert part.interrupted
+    assert 5 <= part.n_window < 50
+    np.testing.assert_array_equal(part.excitation, whole.excitation[: part.n_window])
+    assert json.loads((out / "verdict.json").read_text())["passed"] is False
+    assert "interrupted" in outcome.out
+    if as_json:
+        assert json.loads(outcome.out)["interrupted"] is True
+    assert "Traceback" not in outcome.err
+
+
+def test_an_interrupt_before_the_first_window_leaves_nothing(run, mot, tmp_path, interrupt_after):
+    interrupt_after(1)
+    for arguments in (["solve", mot()], ["reproduce"]):
+        interrupt_after(1)
+        outcome = run(*arguments, "--out", tmp_path / "deep" / "out")
+        assert outcome.code == 130
+        assert [line for line in outcome.errors if line] == ["mjhcmc: interrupted before the work was done"]
+        assert not (tmp_path / "deep").exists()
+
+
+def test_an_interrupt_of_reproduce_keeps_what_was_solved(run, tmp_path, interrupt_after, no_figures):
+    interrupt_after(50)
+    assert run("reproduce", "--out", tmp_path / "out").code == 130
+    assert mjhcmc.Solution.load(tmp_path / "out" / "solution.parquet").interrupted
+
+
+def test_an_interrupt_while_the_result_is_written_waits_for_it(run, mot, tmp_path, monkeypatch, no_figures):
+    real = mjhcmc.Solution.save
+
+    def save(self, path):
+        signal.raise_signal(signal.SIGINT)
+        return real(self, path)
+
+    monkeypatch.setattr(mjhcmc.Solution, "save", save)
+    outcome = run("solve", mot(), "--out", tmp_path / "out")
+    assert outcome.code == 130
+    monkeypatch.undo()
+    assert mjhcmc.Solution.load(tmp_path / "out" / "solution.parquet").n_window == 60
+    assert (tmp_path / "out" / "verdict.json").is_file()
+
+
+def test_a_second_interrupt_does_not_wait(run, mot, tmp_path, monkeypatch, no_figures):
+    def save(self, path):
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        raise AssertionError("still waiting")
+
+    monkeypatch.setattr(mjhcmc.Solution, "save", save)
+    assert run("solve", mot(), "--out", tmp_path / "out").code == 130
+    assert not (tmp_path / "out").exists()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+# --- in a process of its own ------------------------------------------------------------------------------------
+
+
+def start(*arguments, **more):
+    command = [sys.executable, "-m", "mjhcmc.cli", *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)
+
+
+def test_a_true_interrupt(mot, tmp_path, fast_solution):
+    """SIGINT from outside; `fast_solution` has seen to it that all is compiled."""
+    out = tmp_path / "out"
+    process = start("solve", mot(cycles=25), "--dt", "0.001", "--out", out)
+    with contextlib.ExitStack() as stack:
+        stack.callback(process.kill)
+        limit = time.monotonic() + 30
+        while not out.is_dir():  # made just before the work begins
+            assert process.poll() is None, process.stderr.read()
+            assert time.monotonic() < limit
+            time.sleep(0.01)
+        time.sleep(1.5)
+        process.send_signal(signal.SIGINT)
+        stdout, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130, stderr
+    assert "Traceback" not in stderr
+    part = mjhcmc.Solution.load(out / "solution.parquet")
+    assert part.interrupted
+    assert 0 < part.n_window < 15000
+    assert "interrupted" in stdout
+    assert sorted(path.name for path in out.iterdir()) == sorted(("solution.parquet", "verdict.json", *FIGURES))
+
+
+def test_no_traceback_in_a_process_of_its_own(tmp_path):
+    process = start("solve", tmp_path / "none.mot", "--out", tmp_path / "out")
+    stdout, stderr = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert stdout == ""
+    assert stderr.count("\n") == 1
+    assert "none.mot" in stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["solve", "--help"], ["reproduce", "-h"], ["--version"]])
+def test_help_is_light(arguments):
+    heavy = ("mujoco", "numba", "matplotlib", "pandas", "scipy", "numpy", "qpsolvers", "pyarrow")
+    code = (
+        "import sys\nfrom mjhcmc.cli import main\n"
+        f"try:\n    main({arguments})\nexcept SystemExit as stop:\n    assert not stop.code, stop.code\n"
+        f"assert not (found := [name for name in {heavy} if name in sys.modules]), found\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    if "--version" in arguments:
+        assert mjhcmc.__version__ in done.stdout
+    else:
+        assert done.stdout.startswith("Usage: mjhcmc")
