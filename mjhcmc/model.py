@@ -145,7 +145,11 @@ def _compile(source: Any) -> tuple[Any, str]:
     path = Path(source)
     shipped = model_path(str(source)) if path.suffix == "" and path.parent == Path() else None
     path = shipped or path
-    if not path.is_file():
+    try:
+        found = path.is_file()
+    except OSError:  # a name too long for the file system
+        found = False
+    if not found:
         raise ModelError(
             f"no model {str(source)!r}: give a path to an MJCF file or one of the shipped models "
             f"({', '.join(model_names())})"

@@ -77,7 +77,7 @@ def window_status(
     return status
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solution:
     """Excitations and everything that follows from them: N control windows between N + 1 nodes.
 
@@ -204,7 +204,11 @@ class Solution:
     def __post_init__(self) -> None:
         """Check that the arrays fit together, and make them read-only."""
         n, m, v = len(self.time) - 1, len(self.muscle_names), len(self.dof_names)
+        nq = self.qpos.shape[-1]
         shapes = {
+            "qpos": (n + 1, nq),
+            "qpos_desired": (n + 1, nq),
+            "dof_is_rotation": (v,),
             "time": (n + 1,),
             "excitation": (n, m),
             "activation": (n + 1, m),
@@ -222,4 +226,6 @@ class Solution:
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, np.ndarray):
-                value.flags.writeable = False
+                own = value.copy()
+                own.flags.writeable = False
+                object.__setattr__(self, item.name, own)

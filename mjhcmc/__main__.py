@@ -1,0 +1,5 @@
+"""``python -m mjhcmc``: the command line."""
+
+from mjhcmc.cli import main
+
+main()
