@@ -25,7 +25,9 @@ ELASTICITY = 1e-9
 
 _ITERATIONS = 200
 _TOLERANCE = 1e-11
+_PROVEN = 1e-9
 _ROUNDING = 1e-15
+_INFEASIBLE = 1e-6  # reserves above this share of the muscles' strength are more than the elasticity
 _NO_STRENGTH = 1e-9  # N m: a joint that no muscle moves
 
 
@@ -164,9 +166,32 @@ def allocate(problem: AllocationProblem, solver: str = "newton") -> Allocation:
         return _solve_with_qpsolvers(problem, solver)
     rows = problem.P @ problem.B
     a, y, iterations = _newton(rows, problem.P @ problem.Q, problem.lb, problem.ub, problem.w, problem.a0, problem.eps)
-    if iterations < 0:  # did not settle: rounding on a hard vertex; an active-set method decides
-        return _solve_with_qpsolvers(problem, "daqp")
-    return Allocation(a, problem.Q - problem.B @ a, y, iterations)
+    s = problem.Q - problem.B @ a
+    found = Allocation(a, s, y, abs(iterations))
+    if np.abs(problem.P @ s).max(initial=0.0) > _INFEASIBLE:
+        found = _polished(problem, found)
+    if iterations < 0 and problem.optimality_residual(found) > _PROVEN:
+        return _solve_with_qpsolvers(problem, "daqp")  # rounding on a hard vertex: an active-set method decides
+    return found
+
+
+def _polished(problem: AllocationProblem, found: Allocation) -> Allocation:
+    """The same optimum to full precision where reserves are large: least squares over the muscles between bounds.
+
+    There lambda = P s/eps is huge and a free activation is the small difference of large terms.
+    """
+    a = found.activation
+    free = (a > problem.lb) & (a < problem.ub)
+    rows, root_w, root_eps = problem.P @ problem.B, np.sqrt(problem.w), np.sqrt(problem.eps)
+    if free.any():
+        rest = problem.P @ problem.Q - rows[:, ~free] @ a[~free]
+        system = np.vstack([np.diag(root_w[free]), rows[:, free] / root_eps])
+        target = np.concatenate([root_w[free] * problem.a0[free], rest / root_eps])
+        a = a.copy()
+        a[free] = np.linalg.lstsq(system, target)[0]
+        a = np.clip(a, problem.lb, problem.ub)
+    s = problem.Q - problem.B @ a
+    return Allocation(a, s, problem.P @ s / problem.eps, found.iterations)
 
 
 @numba.njit(cache=True)
@@ -205,8 +230,10 @@ def _newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
                         noise += abs(B[j, i] * B[k, i] * y[k]) / w[i]
             worst = max(worst, abs(r[j]))
             rounding = max(rounding, _ROUNDING * noise)
-        if worst <= _TOLERANCE * size_Q or (worst <= rounding and worst > 0.5 * last_worst):
+        if worst <= _TOLERANCE * size_Q:
             return a, y, iteration
+        if worst <= rounding and worst > 0.5 * last_worst:  # as far as rounding lets it: to be proven
+            return a, y, -iteration - 1
         last_worst = worst
         for j in range(nv):
             for k in range(j + 1):
@@ -252,10 +279,10 @@ def _newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
             slope += slopes[order[k]]
         t -= value / slope
         if not t > 0.0:
-            return a, y, -1
+            return a, y, -iteration - 1
         for j in range(nv):
             y[j] += t * d[j]
-    return a, y, -1
+    return a, y, -_ITERATIONS
 
 
 @numba.njit(cache=True)

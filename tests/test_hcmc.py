@@ -146,7 +146,7 @@ def test_round_trip_recovers_joint_moments_where_they_are(leg8, slow_solution):
         return 0.06 + 0.05 * np.cos(phase)
 
     time, qpos, moment, _ = simulate(leg8, excitation_at, 0.6)
-    solution = mjhcmc.hcmc(leg8, mjhcmc.Motion(time, qpos), dt=0.005, initial_qvel=np.zeros(3))
+    solution = mjhcmc.hcmc(leg8, mjhcmc.Motion(time, qpos), dt=0.002, initial_qvel=np.zeros(3))
     nodes = np.rint(solution.time / 0.001).astype(int)
     scale = np.abs(moment).max(axis=0)
     assert np.all(np.abs(solution.net_joint_moment - moment[nodes])[4:].max(axis=0) < 0.01 * scale)

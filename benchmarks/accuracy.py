@@ -1,0 +1,155 @@
+"""The cosine movements: what was to be reached, what is measured, what others report, as Markdown.
+
+    python benchmarks/accuracy.py [--write [DOCUMENT]]
+
+--write replaces the tables in docs/accuracy.md (or DOCUMENT) and draws excitations.png and tracking.png beside it.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from _markdown import JOINTS, digits, grid, main, save_png
+from numpy.typing import ArrayLike, NDArray
+
+import mjhcmc
+from mjhcmc.plotting import excitation_figure, tracking_figure
+from mjhcmc.reproduce import PAPER_MAX_ERROR_DEG, PAPER_RMSE_DEG
+
+CASES = (("fast", 0.01), ("fast", 0.005), ("slow", 0.01), ("slow", 0.005))
+
+TO_REACH = {
+    ("fast", 0.01): (0.01, 0.03, 0.2),
+    ("fast", 0.005): (1e-3, 2e-3, 1.7e-2),
+    ("slow", 0.01): (1e-3, 2e-3, 1e-2),
+    ("slow", 0.005): (1e-4, 2e-4, 2e-3),
+}
+"""Max error hip/knee/ankle, deg, that the project set itself before it began."""
+
+RESERVE_TO_REACH = 1.0  # % of the peak net joint moment
+REPLAY_TO_REACH = {"fast": 0.1, "slow": 0.02}  # deg
+CHANGE_TO_REACH = {"fast": None, "slow": 0.01}
+
+# "Integrator for Musculoskeletal Simulation in Python" (2024), doi 10.17979/ja-cea.2024.45.10802, Table 2; dt .01.
+PAPER_CMC_MAX = (1.6756, 2.8159, 10.4)
+PAPER_CMC_RMSE = (0.7147, 1.2252, 5.6407)
+
+HARD = 0.5
+PAPER_HARD = ("iliopsoas", "gastroc", "rect_fem")
+"""Muscles that, by the paper, need more than half of their excitation at some time."""
+
+# OpenSim 4.6's own CMC, run for this project on the source model of leg8 (Millard muscles, compliant tendons),
+# kp 100, kv 20, reserves of 1 N m: max error hip/knee/ankle, deg.
+OPENSIM_CMC = {
+    ("fast", 0.01): ("10 ms look-ahead", (0.115, 0.312, 0.165)),
+    ("fast", 0.005): ("5 ms look-ahead", (0.018, 0.049, 0.017)),
+    ("slow", 0.01): ("10 ms look-ahead", (0.020, 0.053, 0.141)),
+}
+
+
+@cache
+def solve(movement: str, dt: float) -> mjhcmc.Solution:
+    model = mjhcmc.MuscleModel.load("leg8")
+    return mjhcmc.hcmc(model, mjhcmc.Motion.cosine(model, movement), dt=dt)
+
+
+def markdown() -> str:
+    return "\n\n".join(
+        [
+            "### Tracking error, degrees\n\n" + tracking(),
+            "### Reserves, replay, smoothness\n\n" + checks(),
+            "### Peak excitation\n\n" + peaks(),
+        ]
+    )
+
+
+def tracking() -> str:
+    rows: list[tuple[str, ...]] = []
+    for movement, dt in CASES:
+        solution = solve(movement, dt)
+        case = f"{movement}, {1e3 * dt:g} ms"
+        error = np.rad2deg(solution.tracking_error)
+        largest = np.abs(error).max(axis=0)
+        met = " (reached)" if (largest <= TO_REACH[movement, dt]).all() else " (MISSED)"
+        rows.append((case, "**mjhcmc HCMC**", *(f"**{digits(v)}**" for v in largest), *cells(rms(error))))
+        rows.append((case, f"to reach{met}", *cells(TO_REACH[movement, dt]), *"   "))
+        if (movement, dt) == ("fast", 0.01):
+            own = [[values[joint] for joint in JOINTS] for values in (PAPER_MAX_ERROR_DEG, PAPER_RMSE_DEG)]
+            rows.append((case, "paper, HCMC", *cells(own[0], 5), *cells(own[1], 5)))
+            rows.append((case, "paper, CMC", *cells(PAPER_CMC_MAX, 5), *cells(PAPER_CMC_RMSE, 5)))
+        if (movement, dt) in OPENSIM_CMC:
+            window, values = OPENSIM_CMC[movement, dt]
+            rows.append((case, f"OpenSim 4.6 CMC, {window}", *cells(values), *"   "))
+    header = ("movement, dt", "", *(f"{joint} max" for joint in JOINTS), *(f"{joint} RMSE" for joint in JOINTS))
+    return grid(header, rows)
+
+
+def rms(error: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.sqrt((error**2).mean(axis=0)))
+
+
+def cells(values: ArrayLike, n: int = 3) -> list[str]:
+    return [digits(float(value), n) for value in np.asarray(values)]
+
+
+def checks() -> str:
+    rows = []
+    for movement, dt in CASES:
+        solution = solve(movement, dt)
+        verdict = solution.verdict
+        assert verdict.replay_max_error is not None
+        change = float(np.abs(np.diff(solution.excitation, axis=0)).mean())
+        limit = CHANGE_TO_REACH[movement]
+        rows.append(
+            (
+                f"{movement}, {1e3 * dt:g} ms",
+                "/".join(cells(100 * np.array(verdict.peak_reserve_share), 2)),
+                f"{RESERVE_TO_REACH:g}",
+                "/".join(cells(np.rad2deg(verdict.replay_max_error), 2)),
+                f"{REPLAY_TO_REACH[movement]:g}",
+                digits(change, 2),
+                "–" if limit is None else f"{limit:g}",
+                "holds" if verdict.passed else "FAILS",
+            )
+        )
+    joints = "/".join(JOINTS)
+    return grid(
+        (
+            "movement, dt",
+            f"peak reserve {joints}, % of peak moment",
+            "to reach",
+            f"open-loop replay error {joints}, deg",
+            "to reach",
+            "mean abs(Δu) a window",
+            "to reach",
+            "verdict",
+        ),
+        rows,
+    )
+
+
+def peaks() -> str:
+    solutions = {f"{movement}, {1e3 * dt:g} ms": solve(movement, dt) for movement, dt in CASES}
+    names = next(iter(solutions.values())).muscle_names
+    largest = {case: solution.excitation.max(axis=0) for case, solution in solutions.items()}
+    table = grid(
+        ("muscle", *largest),
+        ((name, *(f"{values[i]:.2f}" for values in largest.values())) for i, name in enumerate(names)),
+    )
+    hard = [
+        f"{case}: {', '.join(name for name, peak in zip(names, values, strict=True) if peak > HARD) or 'none'}"
+        for case, values in largest.items()
+    ]
+    return f"Above {HARD:g}: {'; '.join(hard)}. The paper names {', '.join(PAPER_HARD)} on fast.\n\n{table}"
+
+
+def figures(folder: Path) -> None:
+    solution = solve("fast", 0.005)
+    save_png(excitation_figure(solution), folder / "excitations.png")
+    save_png(tracking_figure(solution), folder / "tracking.png")
+
+
+if __name__ == "__main__":
+    main("accuracy.py", "The cosine movements: to reach, measured, and what others report.", markdown, figures)

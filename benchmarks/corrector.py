@@ -1,0 +1,109 @@
+"""What a trial window buys, with two ways to predict what a change of activation does, as Markdown.
+
+    python benchmarks/corrector.py [--write [DOCUMENT]]
+
+--write replaces the table in docs/method.md (or DOCUMENT). `integrated response` is what `mjhcmc.hcmc` does: the
+linearized window integrated over the physics steps. `effective mass` is the simpler E = M + h/2 D + h^2/6 K, as if
+every change grew linearly over a short window. Contraction is |a''' - a''|/|a'' - a'| of the activations that
+successive trials ask for, median over the windows: what a trial leaves of the error of the one before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from _markdown import JOINTS, ROOT, digits, grid, main
+from numpy.typing import NDArray
+
+import mjhcmc
+from mjhcmc.allocation import Allocation, AllocationProblem, allocate
+from mjhcmc.methods import hcmc as module
+from mjhcmc.sensitivity import WindowResponse, window_response
+
+CASES = (("fast", 0.01), ("fast", 0.005), ("slow", 0.01))
+TRIALS = (1, 2, 3)
+_SETTLED = 1e-6  # a change of activation too small to tell a ratio from rounding
+
+
+def effective_mass(
+    M: NDArray[np.float64],
+    D: NDArray[np.float64],
+    K: NDArray[np.float64],
+    B: NDArray[np.float64],
+    phi: NDArray[np.float64],
+    step: float,
+) -> WindowResponse:
+    """In place of `window_response`: E qacc = [B, 1], qvel = h/2 qacc, qpos = h^2/6 qacc."""
+    h = (len(phi) - 1) * step
+    qacc = np.linalg.solve(M + h / 2 * D + h**2 / 6 * K, np.hstack([B, np.eye(len(M))]))
+    return WindowResponse(*(np.asarray(factor * qacc, dtype=np.float64) for factor in (1.0, h / 2, h**2 / 6)))
+
+
+PREDICTIONS: dict[str, Callable[..., WindowResponse]] = {
+    "integrated response": window_response,
+    "effective mass": effective_mass,
+}
+
+
+@contextmanager
+def swapped(name: str, value: Any) -> Iterator[None]:
+    """Another function of that name in the method's module, for a while."""
+    held = getattr(module, name)
+    setattr(module, name, value)
+    try:
+        yield
+    finally:
+        setattr(module, name, held)
+
+
+def solve(model: mjhcmc.MuscleModel, motion: mjhcmc.Motion, dt: float, trials: int) -> tuple[mjhcmc.Solution, float]:
+    """The solution, and the median contraction from the second trial to the third (NaN with fewer)."""
+    asked: list[NDArray[np.float64]] = []
+
+    def watched(problem: AllocationProblem, solver: str = "newton") -> Allocation:
+        found = allocate(problem, solver)
+        asked.append(found.activation)
+        return found
+
+    with swapped("allocate", watched):
+        solution = mjhcmc.hcmc(model, motion, dt=dt, trials=trials)
+    if trials < 3:
+        return solution, float("nan")
+    by_trial = np.array(asked[1:]).reshape(solution.n_window, trials, model.n_muscle)  # the first is the start's
+    changes = np.linalg.norm(np.diff(by_trial, axis=1), axis=2)
+    told = changes[:, 0] > _SETTLED
+    return solution, float(np.median(changes[told, 1] / changes[told, 0]))
+
+
+def markdown() -> str:
+    model = mjhcmc.MuscleModel.load("leg8")
+    rows = []
+    for movement, dt in CASES:
+        motion = mjhcmc.Motion.cosine(model, movement)
+        for name, response in PREDICTIONS.items():
+            for trials in TRIALS:
+                with swapped("window_response", response):
+                    solution, contraction = solve(model, motion, dt, trials)
+                largest = np.rad2deg(np.abs(solution.tracking_error).max(axis=0))
+                change = float(np.abs(np.diff(solution.excitation, axis=0)).mean())
+                left = f"{contraction:.3f}" if np.isfinite(contraction) else ""
+                rows.append(
+                    (
+                        f"{movement}, {1e3 * dt:g} ms",
+                        name,
+                        trials,
+                        *(digits(v, 2) for v in largest),
+                        digits(change, 2),
+                        left,
+                    )
+                )
+    header = ("movement, dt", "prediction", "trials", *(f"{j} max error, deg" for j in JOINTS))
+    return grid((*header, "mean abs(Δu)", "contraction"), rows)
+
+
+if __name__ == "__main__":
+    what = "What a trial window buys, with two ways to predict what a change of activation does."
+    main("corrector.py", what, markdown, document=ROOT / "docs" / "method.md")

@@ -1,0 +1,110 @@
+"""The examples run from anywhere, write nothing where they are run, and show what they say they show."""
+
+import re
+import runpy
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = ROOT / "examples"
+BENCHMARKS = ROOT / "benchmarks"
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run an example from an empty folder with temporary files of its own: (its names, what it prints, its files)."""
+
+    def run_one(name):
+        here, temporary = tmp_path / "here", tmp_path / "temporary"
+        here.mkdir()
+        temporary.mkdir()
+        monkeypatch.chdir(here)
+        monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+        names = runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        assert not list(here.iterdir())
+        files = {path.name: path for path in temporary.rglob("*") if path.is_file()}
+        return names, capsys.readouterr().out, files
+
+    return run_one
+
+
+def test_every_example_is_tested():
+    tested = set(re.findall(r'run\("(\d\d_\w+\.py)"\)', Path(__file__).read_text(encoding="utf-8")))
+    assert tested == {path.name for path in EXAMPLES.glob("*.py")}
+
+
+def test_from_motion_to_excitations(run):
+    names, out, files = run("01_from_motion_to_excitations.py")
+    table = pd.read_parquet(files["swing.parquet"])
+    assert len(table) == 101
+    peak = table[["q_desired/hip", "q_desired/knee", "q_desired/ankle"]].abs().max().to_numpy()
+    np.testing.assert_allclose(np.rad2deg(peak), [25, 50, 10], rtol=1e-6)  # what the example wrote into its file
+    for muscle in names["model"].muscle_names:
+        assert table[f"excitation/{muscle}"].dropna().between(0, 1).all()
+        assert muscle in out
+    assert names["solution"].verdict.passed
+    assert np.rad2deg(np.abs(names["solution"].tracking_error).max()) < 0.05
+    assert "verdict  holds" in out
+    assert str(files["swing.parquet"]) in out
+
+
+def test_your_own_model(run):
+    names, out, _ = run("02_your_own_model.py")
+    solution, beyond = names["solution"], names["beyond"]
+    assert solution.muscle_names == ("biceps", "triceps")
+    assert np.rad2deg(solution.qpos.max()) == pytest.approx(60, abs=0.01)
+    assert np.abs(solution.reserve).max() < 1e-3 * solution.peak_moment[0]
+    assert solution.verdict.passed
+    assert np.rad2deg(beyond.qpos.max()) == pytest.approx(130, abs=1)  # followed all the same
+    assert not beyond.verdict.passed
+    assert "beyond the muscles: FAILS" in out
+    assert re.search(r"elbow: reserve of \S+ N m at \S+ s", out)
+
+
+def test_look_at_a_solution(run):
+    names, out, files = run("03_look_at_a_solution.py")
+    assert set(files) == {"fast.parquet", "excitations.png", "excitations.pdf", "tracking.png", "tracking.pdf"}
+    assert files["excitations.png"].read_bytes().startswith(b"\x89PNG")
+    assert files["tracking.pdf"].read_bytes().startswith(b"%PDF")
+    np.testing.assert_array_equal(names["table"]["q/hip"], names["solution"].qpos[:, 0])
+    assert np.rad2deg(names["drift"]).max() < 0.1
+    assert "verdict: holds" in out
+
+
+@pytest.mark.parametrize("script", sorted(path.name for path in BENCHMARKS.glob("[a-z]*.py")))
+def test_benchmarks_say_what_they_do(script, monkeypatch, capsys):
+    """They import without error, and take their options."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    monkeypatch.setattr(sys, "argv", [script, "--help"])
+    with pytest.raises(SystemExit) as done:
+        runpy.run_path(str(BENCHMARKS / script), run_name="__main__")
+    assert done.value.code == 0
+    assert script in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("script", "document"),
+    [
+        ("accuracy.py", "accuracy.md"),
+        ("convergence.py", "accuracy.md"),
+        ("recovery.py", "accuracy.md"),
+        ("corrector.py", "method.md"),
+    ],
+)
+def test_documents_have_their_tables(script, document, monkeypatch):
+    """Each table in docs stands between the marks of its script, so that --write finds it again."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    helper = runpy.run_path(str(BENCHMARKS / "_markdown.py"))
+    text = (ROOT / "docs" / document).read_text(encoding="utf-8")
+    begin, end = helper["marks"](script)
+    table = text.split(begin)[1].split(end)[0]
+    assert table.count("|---|") >= 1
+    assert helper["into"](text, script, table.strip()) == text
+    changed = helper["into"](text, script, "another table")
+    assert changed.count("another table") == 1
+    assert changed.replace("another table", table.strip()) == text
