@@ -19,8 +19,8 @@ from _markdown import JOINTS, ROOT, digits, grid, main
 from numpy.typing import NDArray
 
 import mjhcmc
-from mjhcmc.allocation import Allocation, AllocationProblem, allocate
 from mjhcmc.methods import hcmc as module
+from mjhcmc.plant import physics_steps
 from mjhcmc.sensitivity import WindowResponse, window_response
 
 CASES = (("fast", 0.01), ("fast", 0.005), ("slow", 0.01))
@@ -59,20 +59,28 @@ def swapped(name: str, value: Any) -> Iterator[None]:
         setattr(module, name, held)
 
 
+class Watched(mjhcmc.MujocoPlant):
+    """A plant that writes down which activation each trial asks for."""
+
+    def __init__(self, model: mjhcmc.MuscleModel, physics_dt: float) -> None:
+        super().__init__(model, physics_dt)
+        self.asked: list[NDArray[np.float64]] = []
+
+    def excitation_reaching(
+        self, activation: NDArray[np.float64], target: NDArray[np.float64], n_step: int
+    ) -> NDArray[np.float64]:
+        """As the plant does."""
+        self.asked.append(target)
+        return super().excitation_reaching(activation, target, n_step)
+
+
 def solve(model: mjhcmc.MuscleModel, motion: mjhcmc.Motion, dt: float, trials: int) -> tuple[mjhcmc.Solution, float]:
     """The solution, and the median contraction from the second trial to the third (NaN with fewer)."""
-    asked: list[NDArray[np.float64]] = []
-
-    def watched(problem: AllocationProblem, solver: str = "newton") -> Allocation:
-        found = allocate(problem, solver)
-        asked.append(found.activation)
-        return found
-
-    with swapped("allocate", watched):
-        solution = mjhcmc.hcmc(model, motion, dt=dt, trials=trials)
+    plant = Watched(model, dt / physics_steps(dt, 1e-3))
+    solution = mjhcmc.hcmc(model, motion, dt=dt, trials=trials, plant=plant)
     if trials < 3:
         return solution, float("nan")
-    by_trial = np.array(asked[1:]).reshape(solution.n_window, trials, model.n_muscle)  # the first is the start's
+    by_trial = np.array(plant.asked).reshape(solution.n_window, trials, model.n_muscle)
     changes = np.linalg.norm(np.diff(by_trial, axis=1), axis=2)
     told = changes[:, 0] > _SETTLED
     return solution, float(np.median(changes[told, 1] / changes[told, 0]))

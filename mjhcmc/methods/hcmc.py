@@ -9,16 +9,16 @@ missing is the acceleration
 
     r = q''_d + kv (v_d - v) + kp (q_d - q) - qacc
 
-and a change of activation da at the window's end, and of the reserve ds, changes it by -X da - Y ds, where X and Y
-hold how the end's acceleration, velocity (times kv) and position (times kp) answer (see `sensitivity`). In units of
-joint moment, with E = M + h/2 D + h^2/6 K and c = 1 + kv h/2 + kp h^2/6 (what a change that grows linearly over the
-window would meet), N = E diag(1/c), the allocation is asked for
+A change da of activation at the window's end and ds of the reserve take X da + Y ds of it, where X and Y hold how the
+end's acceleration, velocity (times kv) and position (times kp) answer (see `sensitivity`). In units of joint moment,
+with N = (M + h/2 D + h^2/6 K) diag(1/c), c = 1 + kv h/2 + kp h^2/6 (what a change that grows linearly over the window
+meets),
 
-    A a* + T s* = A a + T s + N r,        A = N X where B is not zero, T = N Y
+    A da + T ds = N r,        A = N X,  T = N Y
 
-within what activation can reach; u* is the excitation that reaches a*. A is close to B, the joint moments at full
-activation, and has its zeros: a muscle also moves joints that it does not cross, but so little that it would spend all
-its force on it where the others saturate, and the model then does not come back to the motion.
+A is close to B, the joint moments at full activation. The allocation shares B a + T s = Q among the muscles and Q is
+moved until A da + T ds = N r holds: sharing by A itself would prefer muscles for how they answer within one window, and
+where some saturate it would spend the others on joints that they do not cross. u* is the excitation that reaches a*.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ from mjhcmc.plant import MujocoPlant, State
 from mjhcmc.sensitivity import build_up, window_response
 from mjhcmc.solution import Solution
 
-_CROSSES = 1e-9  # of the largest moment: below it a muscle's moment at a joint is rounding of its path
+_MOST_REFINEMENTS = 4
+_REFINED = 1e-2  # of what a trial misses: the next trial, or the window itself, shows the rest
 
 
 def hcmc(
@@ -221,10 +222,15 @@ def _aim(windows: Windows, k: int, start: State, aim: _Aim, settings: _Settings)
         response = window_response(M, D, K, B, phi, plant.physics_dt)
         answer = response.qacc + kv[:, None] * response.qvel + kp[:, None] * response.qpos
         N = (M + h / 2 * D + h**2 / 6 * K) / c
-        A = np.where(np.abs(B) > _CROSSES * np.abs(B).max(initial=0.0), N @ answer[:, :n], 0.0)
-        T = N @ answer[:, n:]
-        Q = A @ end.activation + T @ aim.reserve + N @ r
-        found = allocate(build_problem(A, Q, lb, ub, inertia=M), settings.solver)
+        A, T = N @ answer[:, :n], N @ answer[:, n:]
+        missing = wanted = N @ r
+        Q = B @ end.activation + T @ aim.reserve
+        for _ in range(_MOST_REFINEMENTS):
+            Q = Q + missing
+            found = allocate(build_problem(B, Q, lb, ub, inertia=M), settings.solver)
+            missing = wanted - A @ (found.activation - end.activation) - (found.reserve - T @ aim.reserve)
+            if np.abs(missing).max(initial=0.0) <= _REFINED * np.abs(wanted).max(initial=0.0):
+                break
 
         shortfall = np.asarray(np.linalg.solve(T, found.reserve))
         aim = _Aim(
