@@ -67,7 +67,7 @@ def test_shipped_names():
 def test_public_names_are_all_there_and_no_others():
     for name in mjhcmc.__all__:
         assert getattr(mjhcmc, name) is not None
-    with pytest.raises(AttributeError, match="hcmcc.*it offers"):
+    with pytest.raises(AttributeError, match=r"hcmcc.*it offers"):
         _ = mjhcmc.hcmcc
 
 
