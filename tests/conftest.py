@@ -3,8 +3,11 @@
 from pathlib import Path
 
 import pytest
+from cli_tools import mot, no_figures, run
 
 import mjhcmc
+
+__all__ = ["mot", "no_figures", "run"]  # fixtures of the command line
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 

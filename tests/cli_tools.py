@@ -1,0 +1,96 @@
+"""What the tests of the command line share; the fixtures reach them through conftest."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import mjhcmc
+from mjhcmc.cli import main
+from mjhcmc.io.opensim import write_table
+
+MUSCLES = ("iliopsoas", "glut_max", "rect_fem", "hamstrings", "vasti", "gastroc", "soleus", "tib_ant")
+JOINTS = ("hip", "knee", "ankle")
+FIGURES = ("excitations.png", "excitations.pdf", "tracking.png", "tracking.pdf")
+COLUMNS = ("pelvis_tx", "knee", "hip", "ankle")  # not the model's order, and one too many
+FIRST_ROW = 8  # line of the first row of a table that write_table wrote
+LONG = "x" * 300
+
+
+@dataclasses.dataclass
+class Outcome:
+    code: int
+    out: str
+    err: str
+
+    @property
+    def notices(self) -> list[str]:
+        return [line for line in self.err.splitlines() if line.startswith("mjhcmc: notice: ")]
+
+    @property
+    def errors(self) -> list[str]:
+        return [line for line in self.err.splitlines() if not line.startswith("mjhcmc: notice: ")]
+
+
+@pytest.fixture
+def run(capfd):
+    """Run the command line in this process; what C code prints is seen too."""
+
+    def run(*arguments) -> Outcome:
+        with pytest.raises(SystemExit) as stop:
+            main([str(argument) for argument in arguments])
+        out, err = capfd.readouterr()
+        return Outcome(stop.value.code, out, err)
+
+    return run
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Leave the figures out where a test is not about them: they take a second."""
+    for name in ("excitation_figure", "tracking_figure"):
+        monkeypatch.setattr(f"mjhcmc.plotting.{name}", lambda solution: None)
+    monkeypatch.setattr("mjhcmc.plotting.save_figure", lambda figure, stem: [])
+
+
+@pytest.fixture
+def mot(tmp_path, leg8):
+    """Write a motion file: cycles of a cosine movement of the leg, 5 ms a row; edit changes its lines."""
+
+    def write(name="walk.mot", *, edit=None, movement="slow", cycles=1, factor=1.0, start=0.0, amplitudes=None, **more):
+        amplitudes = amplitudes or dict(zip(JOINTS, np.deg2rad([10, -20, -10]), strict=True))
+        period = more.pop("period", {"slow": 0.6, "fast": 0.2}[movement])
+        motion = mjhcmc.Motion.cosine(leg8, amplitudes=amplitudes, period=period, cycles=cycles)
+        rows = np.linspace(0, motion.end, round(motion.end / 0.005) + 1)
+        hip, knee, ankle = factor * np.rad2deg(motion.sample(rows).qpos).T
+        path = tmp_path / name
+        columns = more.pop("columns", COLUMNS)
+        values = np.column_stack([rows, knee, hip, ankle])
+        write_table(path, columns, start + rows, values, name="a walk", in_degrees=more.pop("in_degrees", True))
+        if edit is not None:
+            lines = path.read_text().splitlines()
+            edit(lines)
+            path.write_text("\n".join(lines) + "\n")
+        return path
+
+    return write
+
+
+def put(row, column, text):
+    """An edit: this text at a row (from 0) and column (time is 0)."""
+
+    def edit(lines):
+        cells = lines[FIRST_ROW - 1 + row].split("\t")
+        cells[column] = text
+        lines[FIRST_ROW - 1 + row] = "\t".join(cells)
+
+    return edit
+
+
+def replaced(old, new):
+    """An edit: new for old in every line."""
+
+    def edit(lines):
+        lines[:] = [line.replace(old, new) for line in lines]
+
+    return edit
