@@ -11,6 +11,7 @@ with an exact line search (Qi & Sun 1993, doi 10.1007/BF01581275), which ends af
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +27,10 @@ ELASTICITY = 1e-9
 _ITERATIONS = 200
 _TOLERANCE = 1e-11
 _PROVEN = 1e-9
+_BACK_END_PROVEN = 1e-4
+_BACK_END_OPTIONS: dict[str, dict[str, Any]] = {
+    "osqp": {"eps_abs": 1e-10, "eps_rel": 1e-10, "polishing": True, "max_iter": 200_000},  # a first-order method
+}
 _ROUNDING = 1e-15
 _INFEASIBLE = 1e-6  # reserves above this share of the muscles' strength are more than the elasticity
 _NO_STRENGTH = 1e-9  # N m: a joint that no muscle moves
@@ -101,9 +106,8 @@ def build_problem(
 ) -> AllocationProblem:
     """Put a problem together; the default cost is effort, sum a^2, with equal weights.
 
-    With the inertia M, reserves are priced by s^T M^-1 s: what the muscles cannot give is lost where it changes the
-    accelerations least, in the metric of Gauss's principle of least constraint, whatever the units of the joints. The
-    leg comes back from a wrong start by it; priced by moment alone, a saturated hip is given up for the ankle.
+    With an inertia M, reserves are priced by s^T M^-1 s, the size of the accelerations that they are worth, whatever
+    the units of the joints (Gauss's principle of least constraint). With M diagonal, each joint pays for its own.
     Without, each joint's reserve is priced against the joint's own strength.
 
     Args:
@@ -111,7 +115,7 @@ def build_problem(
         Q: (nv,) N m.
         lb: (n_muscle,) lower bounds.
         ub: (n_muscle,) upper bounds.
-        inertia: (nv, nv) kg m^2, the mass matrix.
+        inertia: (nv, nv) kg m^2, the mass matrix or its diagonal.
         w: (n_muscle,) weights; 1 by default.
         a0: (n_muscle,) preferred activation; 0 by default.
         elasticity: small number, see `ELASTICITY`.
@@ -324,11 +328,19 @@ def _solve_with_qpsolvers(problem: AllocationProblem, solver: str) -> Allocation
         from scipy.sparse import csc_matrix
 
         matrices = [csc_matrix(H), csc_matrix(A)]
-    found = qpsolvers.solve_problem(
-        qpsolvers.Problem(matrices[0], q, A=matrices[1], b=problem.P @ problem.Q, lb=lb, ub=ub), solver=solver
-    )
+    program = qpsolvers.Problem(matrices[0], q, A=matrices[1], b=problem.P @ problem.Q, lb=lb, ub=ub)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the back ends about their own future
+        found = qpsolvers.solve_problem(program, solver=solver, **_BACK_END_OPTIONS.get(solver, {}))
     if not found.found or found.x is None:
-        raise SimulationError(f"QP solver {solver!r} found no optimum; try solver 'newton' or 'daqp'")
+        raise SimulationError(f"QP solver {solver!r} found no optimum: use solver 'newton' or 'daqp'")
     a = np.clip(found.x[:n], problem.lb, problem.ub)
     s = problem.Q - problem.B @ a
-    return Allocation(a, s, problem.P @ s / problem.eps, 0)
+    answer = Allocation(a, s, problem.P @ s / problem.eps, 0)
+    residual = problem.optimality_residual(answer)
+    if residual > _BACK_END_PROVEN:
+        raise SimulationError(
+            f"QP solver {solver!r} stopped short of the optimum (residual {residual:.1g}, most {_BACK_END_PROVEN:g}): "
+            "use solver 'newton' or 'daqp'"
+        )
+    return answer

@@ -3,6 +3,11 @@
 Each message names the thing (file, row, joint, muscle, time), the value found, and the remedy, in one line.
 """
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mjhcmc.solution import Solution
+
 
 class MjhcmcError(Exception):
     """Base of every error that mjhcmc raises on purpose."""
@@ -21,7 +26,13 @@ class SettingsError(MjhcmcError):
 
 
 class SimulationError(MjhcmcError):
-    """A simulation that cannot be run as asked."""
+    """A simulation that cannot be run as asked.
+
+    Attributes:
+        solution: what was solved before it, a shorter `Solution` marked interrupted; None where there is nothing.
+    """
+
+    solution: "Solution | None" = None
 
 
 class OutputError(MjhcmcError):

@@ -174,7 +174,15 @@ def _model_name(m: Any) -> str:
 
 
 def _names(m: Any, kind: Any, ids: Any, fallback: str) -> tuple[str, ...]:
-    return tuple(mujoco.mj_id2name(m, kind, int(i)) or f"{fallback}{int(i)}" for i in ids)
+    """Names in the order of ids; one without a name is called by its kind and number, such as joint3."""
+    given = [mujoco.mj_id2name(m, kind, int(i)) for i in ids]
+    names = []
+    for i, name in zip(ids, given, strict=True):
+        own = name or f"{fallback}{int(i)}"
+        while not name and own in given:  # another has that very name
+            own += "_"
+        names.append(own)
+    return tuple(names)
 
 
 def _check_joints(m: Any, name: str) -> None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 RESERVE_SHARE = 1e-3
 """A window is flagged where a reserve exceeds this share of the joint's peak net moment."""
 
-_MOMENT_FLOOR = 0.01  # of the strongest joint's peak: a joint that carries nothing has no peak of its own
+_NO_MOMENT = 1e-3  # N m or N: a joint that carries less carries nothing worth a reserve's share
 
 
 class WindowStatus(IntEnum):
@@ -50,9 +50,12 @@ _MESSAGES = {
 
 
 def moment_scale(net_joint_moment: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(nv,) each joint's peak net moment, at least 1 % of the strongest joint's: what a reserve is measured by."""
-    peak = np.abs(net_joint_moment).max(axis=0)
-    return np.asarray(np.maximum(peak, max(_MOMENT_FLOOR * peak.max(initial=0.0), 1e-12)))
+    """(nv,) N m or N: each joint's own peak net moment, what its reserve is measured by; at least .001.
+
+    Args:
+        net_joint_moment: (N+1, nv) N m or N.
+    """
+    return np.asarray(np.maximum(np.abs(net_joint_moment).max(axis=0), _NO_MOMENT))
 
 
 def window_status(

@@ -285,10 +285,10 @@ def test_a_dt_that_does_not_divide_drops_the_rest_with_a_notice(leg8, slow):
         ({"physics_dt": 0.0}, "physics_dt must be a positive"),
         ({"initial_qpos": [0.0]}, "initial_qpos must hold 3"),
         ({"initial_activation": 1.5}, "within 0..1"),
-        ({"initial_qvel": [0, np.nan, 0]}, "initial_qvel must hold 3 finite"),
+        ({"initial_qvel": [0, np.nan, 0]}, "initial_qvel must hold finite"),
         ({"solver": "simplex"}, "unknown QP solver 'simplex'"),
         ({"trials": 0}, "trials must be at least 1"),
-        ({"gain": -1.0}, "gain must be positive"),
+        ({"gain": -1.0}, "gain must be positive and at most 3"),
     ],
 )
 def test_bad_settings_are_named(leg8, slow, settings, message):

@@ -38,6 +38,7 @@ from mjhcmc.plant import MujocoPlant, State
 from mjhcmc.sensitivity import build_up, window_response
 from mjhcmc.solution import Solution
 
+_LARGEST_GAIN = 3.0  # beyond, the sampled error rings or grows
 _MOST_REFINEMENTS = 4
 _REFINED = 1e-2  # of what a trial misses: the next trial, or the window itself, shows the rest
 
@@ -83,12 +84,13 @@ def hcmc(
     Raises:
         SettingsError: a setting outside its valid values.
         MotionError: the motion does not fit the model.
-        SimulationError: the physics step is unstable, or the simulation diverged.
+        SimulationError: the physics step is unstable, or the simulation diverged; its ``solution`` holds what was
+            solved before, marked interrupted.
         SolveInterrupted: a KeyboardInterrupt came; it carries what was solved.
     """
-    settings = _Settings(bool(reserves), int(trials), float(gain), float(authority), solver)
+    settings = _Settings(reserves, trials, gain, authority, solver)
     windows = prepare(model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, plant)
-    start, reserve = initial_activation_for(windows, solver)
+    start, reserve = _start(windows, settings)
     aim = _Aim(
         excitation=np.clip(start.activation, *model.excitation_range.T),
         reserve=reserve if reserves else np.zeros(model.nv),
@@ -106,6 +108,9 @@ def hcmc(
             if progress is not None:
                 progress(k + 1, windows.count)
         return record.solution()
+    except SimulationError as error:
+        error.solution = record.solution(interrupted=True) if record.count else None
+        raise
     except KeyboardInterrupt as interrupt:
         raise SolveInterrupted(record.solution(interrupted=True) if record.count else None) from interrupt
 
@@ -121,12 +126,23 @@ class _Settings:
     solver: str
 
     def __post_init__(self) -> None:
-        if self.trials < 1:
-            raise SettingsError(f"trials must be at least 1; got {self.trials}")
-        for name in ("gain", "authority"):
+        if not isinstance(self.reserves, (bool, np.bool_)):
+            raise SettingsError(f"reserves must be True or False; got {self.reserves!r}")
+        if not isinstance(self.trials, (int, np.integer)) or self.trials < 1:
+            raise SettingsError(f"trials must be at least 1; got {self.trials!r}")
+        for name, most in (("gain", _LARGEST_GAIN), ("authority", 1.0)):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise SettingsError(f"{name} must be positive; got {value}")
+            if not (isinstance(value, (int, float)) and 0 < value <= most):
+                raise SettingsError(f"{name} must be positive and at most {most:g}; got {value!r}")
+
+    def price(self, M: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(nv, nv) kg m^2, the inertia by which reserves are priced (see `build_problem`).
+
+        Reserves that are applied are motors, one a joint: each is priced by what it is worth at its own joint, so that
+        a joint whose muscles suffice needs none. Where nothing fills the gap the joints share it, and by Gauss's
+        principle the shares are those that change the accelerations least; the leg comes back from a wrong start by it.
+        """
+        return np.diag(np.diag(M)) if self.reserves else M
 
 
 @dataclass(frozen=True)
@@ -146,7 +162,7 @@ class _Aim:
     fastest_rate: float
 
 
-def initial_activation_for(windows: Windows, solver: str) -> tuple[State, NDArray[np.float64]]:
+def _start(windows: Windows, settings: _Settings) -> tuple[State, NDArray[np.float64]]:
     """The first state, with the static allocation of the first desired acceleration where none was given.
 
     Returns:
@@ -160,7 +176,8 @@ def initial_activation_for(windows: Windows, solver: str) -> tuple[State, NDArra
     moments = dynamics.muscle_moments(plant)
     Q = dynamics.required_moment(plant, windows.reference.qacc[0], moments.p)
     low, high = model.excitation_range.T
-    found = allocate(build_problem(moments.B, Q, low, high, inertia=dynamics.mass_matrix(plant)), solver)
+    price = settings.price(dynamics.mass_matrix(plant))
+    found = allocate(build_problem(moments.B, Q, low, high, inertia=price), settings.solver)
     return (start if given else replace(start, activation=found.activation)), found.reserve
 
 
@@ -209,8 +226,8 @@ def _aim(windows: Windows, k: int, start: State, aim: _Aim, settings: _Settings)
         qacc = plant.forward().copy()
         if not (np.isfinite(qacc).all() and np.isfinite(end.activation).all()):
             raise SimulationError(
-                f"the simulation diverged in the window at {reference.time[k]:.4g} s: use a smaller physics_dt, "
-                "filter the motion, or switch reserves on"
+                f"the simulation diverged in the window at {reference.time[k]:.4g} s: use physics_dt <= "
+                f"{plant.physics_dt / 2:.2g}, or filter the motion"
             )
         B = dynamics.muscle_moments(plant).B
         M = dynamics.mass_matrix(plant)
@@ -227,7 +244,7 @@ def _aim(windows: Windows, k: int, start: State, aim: _Aim, settings: _Settings)
         Q = B @ end.activation + T @ aim.reserve
         for _ in range(_MOST_REFINEMENTS):
             Q = Q + missing
-            found = allocate(build_problem(B, Q, lb, ub, inertia=M), settings.solver)
+            found = allocate(build_problem(B, Q, lb, ub, inertia=settings.price(M)), settings.solver)
             missing = wanted - A @ (found.activation - end.activation) - (found.reserve - T @ aim.reserve)
             if np.abs(missing).max(initial=0.0) <= _REFINED * np.abs(wanted).max(initial=0.0):
                 break

@@ -89,6 +89,11 @@ def prepare(
         MotionError: a motion of other joints, or outside the joints' range.
         SimulationError: a physics step at which the model's passive damping is unstable.
     """
+    if not isinstance(model, MuscleModel) or not isinstance(motion, Motion):
+        raise SettingsError(
+            f"a method takes a MuscleModel and a Motion; got {type(model).__name__} and {type(motion).__name__}: use "
+            "MuscleModel.load and Motion.from_file"
+        )
     for name, value in (("dt", dt), ("physics_dt", physics_dt)):
         if not (isinstance(value, (int, float, np.floating)) and math.isfinite(value) and value > 0):
             raise SettingsError(f"{name} must be a positive number of seconds; got {value}")
@@ -146,11 +151,16 @@ def _check_range(
 def _vector(name: str, given: ArrayLike | None, default: NDArray[np.float64]) -> NDArray[np.float64]:
     if given is None:
         return default.copy()
-    value = np.array(given, dtype=np.float64)
+    try:
+        value = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise SettingsError(f"{name} must hold {default.size} numbers; got {given!r}") from None
     if value.ndim == 0:
         value = np.full(default.shape, float(value))
-    if value.shape != default.shape or not np.isfinite(value).all():
-        raise SettingsError(f"{name} must hold {default.size} finite numbers; got shape {value.shape}")
+    if value.shape != default.shape:
+        raise SettingsError(f"{name} must hold {default.size} numbers; got shape {value.shape}")
+    if not np.isfinite(value).all():
+        raise SettingsError(f"{name} must hold finite numbers; got {value.tolist()}")
     return value
 
 
@@ -213,7 +223,7 @@ class Record:
                 label = labels[int(np.argmin(np.isfinite(values)))]
                 raise SimulationError(
                     f"the {name} of {label!r} is not finite at {end.time:.4g} s: the simulation diverged; use a "
-                    "smaller physics_dt, or switch reserves on"
+                    "smaller physics_dt, or filter the motion"
                 )
         self.excitation.append(excitation)
         self.reserve.append(reserve)
