@@ -180,7 +180,8 @@ class Solution:
     def load(cls, path: str | Path) -> Solution:
         """Read a solution that `save` wrote.
 
-        A .csv holds no settings and no verdict: its verdict is judged from the table, without replay.
+        A .csv holds no settings and no verdict: its verdict is judged from the table, without replay, and every joint
+        is taken for a hinge.
 
         Raises:
             OutputError: the file cannot be read, or is no solution.

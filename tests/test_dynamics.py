@@ -99,6 +99,30 @@ def test_fiber_damping_is_muscle_force(two_joints):
     )
 
 
+def test_gear_scales_length_and_so_the_pull_along_the_tendon():
+    from conftest import PENDULUMS, load_xml
+
+    model = load_xml(PENDULUMS.replace('name="flexor" tendon', 'name="flexor" gear="2" tendon'))
+    plant = MujocoPlant(model)
+    plant.set_state(State(0.0, np.array([0.3, 0.4]), np.array([2.0, -3.0]), np.array([0.4, 0.2]), np.zeros(2)))
+    plant.forward()
+    d, forces = plant.mj_data, dynamics.node_forces(plant)
+    np.testing.assert_allclose(forces.muscle_moment, d.qfrc_actuator + d.qfrc_passive, rtol=1e-12)
+    pull = -d.actuator_force * [2.0, 1.0] + np.array([2.0, 1.0]) * d.ten_velocity
+    np.testing.assert_allclose(forces.muscle_force, pull, rtol=1e-12)
+
+
+def test_damping_of_a_shared_tendon_is_no_muscles():
+    from conftest import PENDULUMS, load_xml
+
+    twin = '<muscle name="twin" tendon="flexor_path" force="100" lengthrange=".05 .35" ctrlrange="0 1"/></actuator>'
+    plant = MujocoPlant(load_xml(PENDULUMS.replace("</actuator>", twin)))
+    plant.set_state(State(0.0, np.array([0.3, 0.4]), np.array([2.0, -3.0]), np.zeros(3), np.zeros(2)))
+    plant.forward()
+    velocity = plant.mj_data.ten_velocity
+    np.testing.assert_allclose(dynamics.fiber_damping(plant), [0.0, velocity[1], 0.0])
+
+
 def test_damping_and_stiffness_in_closed_form():
     """A pendulum with joint damping and spring: D = b, K = k + m g l cos q."""
     from conftest import load_xml

@@ -69,6 +69,11 @@ def _muscle_moment(model, solution, k):
     return dynamics.moment_arms(plant).T @ solution.muscle_force[k]
 
 
+def test_a_name_made_up_for_a_nameless_joint_is_no_other_joints():
+    model = load_xml(PENDULUMS.replace('name="shoulder"', 'name="joint1"').replace('joint name="elbow" ', "joint "))
+    assert model.joint_names == ("joint1", "joint1_")
+
+
 def test_column_map_of_a_model(tmp_path):
     text = '<custom><text name="opensim_coordinates" data="shoulder=-arm_flex elbow=elbow_flexion"/></custom>'
     model = load_xml(PENDULUMS.replace("<actuator>", text + "<actuator>"))
