@@ -11,9 +11,7 @@ with an exact line search (Qi & Sun 1993, doi 10.1007/BF01581275), which ends af
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numba
 import numpy as np
@@ -27,10 +25,6 @@ ELASTICITY = 1e-9
 _ITERATIONS = 200
 _TOLERANCE = 1e-11
 _PROVEN = 1e-9
-_BACK_END_PROVEN = 1e-4
-_BACK_END_OPTIONS: dict[str, dict[str, Any]] = {
-    "osqp": {"eps_abs": 1e-10, "eps_rel": 1e-10, "polishing": True, "max_iter": 200_000},  # a first-order method
-}
 _ROUNDING = 1e-15
 _INFEASIBLE = 1e-6  # reserves above this share of the muscles' strength are more than the elasticity
 _NO_STRENGTH = 1e-9  # N m: a joint that no muscle moves
@@ -167,7 +161,9 @@ def allocate(problem: AllocationProblem, solver: str = "newton") -> Allocation:
     if not all(np.isfinite(part).all() for part in parts):
         raise SimulationError("the allocation holds a value that is not finite: the simulation has diverged")
     if solver != "newton":
-        return _solve_with_qpsolvers(problem, solver)
+        from mjhcmc.qp_back_ends import solve_with
+
+        return solve_with(problem, solver)
     rows = problem.P @ problem.B
     a, y, iterations = _newton(rows, problem.P @ problem.Q, problem.lb, problem.ub, problem.w, problem.a0, problem.eps)
     s = problem.Q - problem.B @ a
@@ -175,7 +171,9 @@ def allocate(problem: AllocationProblem, solver: str = "newton") -> Allocation:
     if np.abs(problem.P @ s).max(initial=0.0) > _INFEASIBLE:
         found = _polished(problem, found)
     if iterations < 0 and problem.optimality_residual(found) > _PROVEN:
-        return _solve_with_qpsolvers(problem, "daqp")  # rounding on a hard vertex: an active-set method decides
+        from mjhcmc.qp_back_ends import solve_with
+
+        return solve_with(problem, "daqp")  # rounding on a hard vertex: an active-set method decides
     return found
 
 
@@ -307,40 +305,3 @@ def _cholesky_solve(H, d):  # type: ignore[no-untyped-def]
         for i in range(j + 1, n):
             d[j] -= H[i, j] * d[i]
         d[j] /= H[j, j]
-
-
-def _solve_with_qpsolvers(problem: AllocationProblem, solver: str) -> Allocation:
-    import qpsolvers  # .5 s to import, and only needed here
-
-    if solver not in qpsolvers.available_solvers:
-        raise SettingsError(
-            f"unknown QP solver {solver!r}; choose newton, {', '.join(sorted(qpsolvers.available_solvers))}"
-        )
-    nv, n = problem.B.shape
-    root = np.sqrt(problem.eps)  # the reserve is scaled too, so that the Hessian has entries of one size
-    H = np.diag(np.concatenate([problem.w, np.ones(nv)]))
-    q = np.concatenate([-problem.w * problem.a0, np.zeros(nv)])
-    A = np.hstack([problem.P @ problem.B, root * np.eye(nv)])
-    lb = np.concatenate([problem.lb, np.full(nv, -np.inf)])
-    ub = np.concatenate([problem.ub, np.full(nv, np.inf)])
-    matrices: list[Any] = [H, A]
-    if solver in qpsolvers.sparse_solvers:
-        from scipy.sparse import csc_matrix
-
-        matrices = [csc_matrix(H), csc_matrix(A)]
-    program = qpsolvers.Problem(matrices[0], q, A=matrices[1], b=problem.P @ problem.Q, lb=lb, ub=ub)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the back ends about their own future
-        found = qpsolvers.solve_problem(program, solver=solver, **_BACK_END_OPTIONS.get(solver, {}))
-    if not found.found or found.x is None:
-        raise SimulationError(f"QP solver {solver!r} found no optimum: use solver 'newton' or 'daqp'")
-    a = np.clip(found.x[:n], problem.lb, problem.ub)
-    s = problem.Q - problem.B @ a
-    answer = Allocation(a, s, problem.P @ s / problem.eps, 0)
-    residual = problem.optimality_residual(answer)
-    if residual > _BACK_END_PROVEN:
-        raise SimulationError(
-            f"QP solver {solver!r} stopped short of the optimum (residual {residual:.1g}, most {_BACK_END_PROVEN:g}): "
-            "use solver 'newton' or 'daqp'"
-        )
-    return answer

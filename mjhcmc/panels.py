@@ -52,7 +52,7 @@ _STYLE: Any = {
     "grid.linewidth": 0.6,
     "legend.fontsize": 8.0,
     "legend.frameon": False,
-    "pdf.fonttype": 42,  # text stays text in a drawing program
+    "pdf.fonttype": 3,  # half the time of 42 (TrueType) to write
     "savefig.facecolor": "auto",
 }
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -36,12 +36,13 @@ def test_optimality_conditions(seed, feasible):
     assert np.all(found.activation <= problem.ub)
 
 
+@pytest.mark.parametrize("feasible", [True, False])
 @pytest.mark.parametrize("solver", ["daqp", "quadprog"])
 @pytest.mark.parametrize("seed", range(40))
-def test_agrees_with_other_solvers(solver, seed):
+def test_agrees_with_other_solvers(solver, seed, feasible):
     if solver not in qpsolvers.available_solvers:
         pytest.skip(f"{solver} is not installed")
-    problem = random_problem(seed, feasible=True)
+    problem = random_problem(seed, feasible=feasible)
     ours, theirs = allocate(problem), allocate(problem, solver)
     np.testing.assert_allclose(ours.activation, theirs.activation, rtol=0, atol=1e-6)
 

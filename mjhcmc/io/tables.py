@@ -21,6 +21,14 @@ SUFFIXES = (".parquet", ".csv", ".sto", ".nc")
 
 _META = "mjhcmc"  # key of the metadata in a file
 
+_STATUS_NOTE = {
+    "name": "status",
+    "field_name": "status",
+    "pandas_type": "int64",
+    "numpy_type": "Int64",
+    "metadata": None,
+}
+
 # column prefix: (attribute, one label a muscle or a dof, one row a node or a window)
 _COLUMNS = {
     "q": ("qpos", "dof", "node"),
@@ -39,15 +47,21 @@ def to_dataframe(solution: Solution) -> pd.DataFrame:
     """See `Solution.to_dataframe`."""
     import pandas as pd
 
-    data: dict[str, Any] = {"time": solution.time}
+    data = _table(solution)
+    return pd.DataFrame({**data, "status": pd.array([*solution.status.tolist(), None], dtype="Int64")})
+
+
+def _table(solution: Solution) -> dict[str, NDArray[np.float64]]:
+    """The columns of `to_dataframe`, all as floats, NaN where empty."""
+    data = {"time": solution.time}
     for prefix, (attribute, labels, rows) in _COLUMNS.items():
         values = getattr(solution, attribute)
         if rows == "window":
             values = np.vstack([values, np.full((1, values.shape[1]), np.nan)])
         names = solution.muscle_names if labels == "muscle" else solution.dof_names
         data.update({f"{prefix}/{name}": values[:, i] for i, name in enumerate(names)})
-    data["status"] = pd.array([*solution.status.tolist(), None], dtype="Int64")
-    return pd.DataFrame(data)
+    data["status"] = np.append(solution.status.astype(np.float64), np.nan)
+    return data
 
 
 def to_xarray(solution: Solution) -> xr.Dataset:
@@ -76,10 +90,10 @@ def save_solution(solution: Solution, path: Path) -> Path:
     if suffix == ".sto":
         from mjhcmc.io.opensim import write_table
 
-        frame = to_dataframe(solution).astype(float)
-        names = [name for name in frame.columns if name != "time"]
+        data = _table(solution)
+        time = data.pop("time")
         write_table(
-            path, names, frame["time"].to_numpy(), frame[names].to_numpy(),
+            path, list(data), time, np.column_stack(list(data.values())),
             name="mjhcmc solution", in_degrees=False, extra={_META: meta},
         )  # fmt: skip
         return path
@@ -88,8 +102,11 @@ def save_solution(solution: Solution, path: Path) -> Path:
             import pyarrow as pa
             import pyarrow.parquet as pq
 
-            table = pa.Table.from_pandas(to_dataframe(solution), preserve_index=False)
-            table = table.replace_schema_metadata({**(table.schema.metadata or {}), _META.encode(): meta.encode()})
+            data = {name: pa.array(values, from_pandas=True) for name, values in _table(solution).items()}
+            data["status"] = data["status"].cast(pa.int64())
+            # straight to Arrow: pandas takes most of a second to import; the note makes it read status as integers
+            note = {"index_columns": [], "column_indexes": [], "columns": [_STATUS_NOTE], "pandas_version": "2.0.0"}
+            table = pa.table(data).replace_schema_metadata({"pandas": json.dumps(note), _META: meta})
             pq.write_table(table, temporary)
         elif suffix == ".csv":
             to_dataframe(solution).to_csv(temporary, index=False)
