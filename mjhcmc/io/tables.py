@@ -102,11 +102,11 @@ def save_solution(solution: Solution, path: Path) -> Path:
             import pyarrow as pa
             import pyarrow.parquet as pq
 
-            data = {name: pa.array(values, from_pandas=True) for name, values in _table(solution).items()}
-            data["status"] = data["status"].cast(pa.int64())
+            arrow = {name: pa.array(values, from_pandas=True) for name, values in _table(solution).items()}
+            arrow["status"] = arrow["status"].cast(pa.int64())
             # straight to Arrow: pandas takes most of a second to import; the note makes it read status as integers
             note = {"index_columns": [], "column_indexes": [], "columns": [_STATUS_NOTE], "pandas_version": "2.0.0"}
-            table = pa.table(data).replace_schema_metadata({"pandas": json.dumps(note), _META: meta})
+            table = pa.table(arrow).replace_schema_metadata({"pandas": json.dumps(note), _META: meta})
             pq.write_table(table, temporary)
         elif suffix == ".csv":
             to_dataframe(solution).to_csv(temporary, index=False)
