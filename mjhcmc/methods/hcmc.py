@@ -112,7 +112,8 @@ def hcmc(
         error.solution = record.solution(interrupted=True) if record.count else None
         raise
     except KeyboardInterrupt as interrupt:
-        raise SolveInterrupted(record.solution(interrupted=True) if record.count else None) from interrupt
+        partly = record.count < windows.count
+        raise SolveInterrupted(record.solution(interrupted=partly) if record.count else None) from interrupt
 
 
 @dataclass(frozen=True)
