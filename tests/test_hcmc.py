@@ -246,10 +246,18 @@ def test_the_last_nodes_moment_has_the_last_windows_reserve(linear_mass):
     assert solution.net_joint_moment[-1, 0] == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_divergence_keeps_what_was_solved_and_says_what_to_do(leg8, slow):
-    """One step of 10 ms a window is too long for active muscles."""
+def test_a_divergence_is_solved_again_with_a_finer_step(leg8, slow):
+    """One step of 10 ms a window is too long for active muscles; a quarter of it is not."""
+    with pytest.warns(mjhcmc.MjhcmcWarning, match=r"diverged.*solved again with physics_dt 0\.0025"):
+        solution = mjhcmc.hcmc(leg8, slow, physics_dt=1)
+    assert solution.n_window == 180
+    assert solution.settings["physics_dt"] == pytest.approx(0.0025)
+    assert solution.verdict.passed
+
+
+def test_a_divergence_of_a_given_plant_keeps_what_was_solved_and_says_what_to_do(leg8, slow):
     with pytest.raises(mjhcmc.SimulationError, match=r"diverged.*physics_dt <= 0\.005") as caught:
-        mjhcmc.hcmc(leg8, slow, physics_dt=1)
+        mjhcmc.hcmc(leg8, slow, plant=mjhcmc.MujocoPlant(leg8, 0.01))
     part = caught.value.solution
     assert part.interrupted
     assert 0 < part.n_window < 180

@@ -23,6 +23,7 @@ where some saturate it would spend the others on joints that they do not cross. 
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -30,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc import dynamics
 from mjhcmc.allocation import allocate, build_problem
-from mjhcmc.errors import SettingsError, SimulationError
+from mjhcmc.errors import MjhcmcWarning, SettingsError, SimulationError
 from mjhcmc.methods.windows import Progress, Record, SolveInterrupted, Windows, decay_rate, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
@@ -38,6 +39,7 @@ from mjhcmc.plant import MujocoPlant, State
 from mjhcmc.sensitivity import build_up, window_response
 from mjhcmc.solution import Solution
 
+_FINER_TRIES = 2  # a simulation that diverges is solved again with a quarter of the step, and a sixteenth
 _LARGEST_GAIN = 3.0  # beyond, the sampled error rings or grows
 _MOST_REFINEMENTS = 4
 _REFINED = 1e-2  # of what a trial misses: the next trial, or the window itself, shows the rest
@@ -84,16 +86,32 @@ def hcmc(
     Raises:
         SettingsError: a setting outside its valid values.
         MotionError: the motion does not fit the model.
-        SimulationError: the physics step is unstable, or the simulation diverged; its ``solution`` holds what was
-            solved before, marked interrupted.
+        SimulationError: the physics step is unstable under the model's passive damping; or the simulation diverged,
+            also with a quarter and a sixteenth of the step (an `MjhcmcWarning` tells of each; a plant that was handed
+            in keeps its step). Its ``solution`` holds what was solved before, marked interrupted.
         SolveInterrupted: a KeyboardInterrupt came; it carries what was solved.
     """
     settings = _Settings(reserves, trials, gain, authority, solver)
     windows = prepare(model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, plant)
+    for _ in range(_FINER_TRIES):
+        try:
+            return _solve(windows, settings, progress)
+        except SimulationError as error:
+            if plant is not None:  # its step is not ours to change
+                raise
+            step = windows.plant.physics_dt / 4
+            warnings.warn(f"{error}; it is solved again with physics_dt {step:.2g} s", MjhcmcWarning, stacklevel=2)
+            windows = replace(windows, plant=MujocoPlant(model, step), n_step=4 * windows.n_step)
+    return _solve(windows, settings, progress)
+
+
+def _solve(windows: Windows, settings: _Settings, progress: Progress | None) -> Solution:
+    """All windows, one after another; raises as `hcmc` does."""
+    model = windows.model
     start, reserve = _start(windows, settings)
     aim = _Aim(
         excitation=np.clip(start.activation, *model.excitation_range.T),
-        reserve=reserve if reserves else np.zeros(model.nv),
+        reserve=reserve if settings.reserves else np.zeros(model.nv),
         shortfall=reserve,
         fastest_rate=0.0,
     )
