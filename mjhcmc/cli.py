@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -123,11 +123,13 @@ def reproduce(movement: str, dt: float, physics_dt: float, out: Path | None, as_
         out = Path("mjhcmc-reproduce")
     files: list[str] = []
     if out is None:
-        result = run(movement, dt, physics_dt)
+        with _progress_bar(as_json) as progress:
+            result = run(movement, dt, physics_dt, progress)
     else:
         with _output_folder(out) as folder:
             try:
-                result = run(movement, dt, physics_dt)
+                with _progress_bar(as_json) as progress:
+                    result = run(movement, dt, physics_dt, progress)
             except mjhcmc.SolveInterrupted as stop:
                 if stop.solution is not None:
                     _write(stop.solution, folder)
@@ -173,10 +175,19 @@ def _engine_notices() -> Iterator[None]:
 @contextmanager
 def _interrupt_later() -> Iterator[None]:
     """Hold an interrupt back until the block ends, so that what was solved is kept; a second one does not wait."""
-    if threading.current_thread() is not threading.main_thread():  # interrupts never reach it
+    with _held_back() as interrupted:
         yield
-        return
+    if interrupted():
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def _held_back() -> Iterator[Callable[[], bool]]:
+    """Hold an interrupt back; gives whether one came. A second one is let through."""
     came = False
+    if threading.current_thread() is not threading.main_thread():  # interrupts never reach it
+        yield lambda: came
+        return
 
     def hold_back(*_: Any) -> None:
         nonlocal came
@@ -185,11 +196,9 @@ def _interrupt_later() -> Iterator[None]:
 
     before = signal.signal(signal.SIGINT, hold_back)
     try:
-        yield
+        yield lambda: came
     finally:
         signal.signal(signal.SIGINT, before)
-    if came:
-        raise KeyboardInterrupt
 
 
 @contextmanager
@@ -223,14 +232,20 @@ def _remove(folders: list[Path]) -> None:
 
 @contextmanager
 def _progress_bar(hidden: bool) -> Iterator[Progress]:
+    """A bar over the windows. An interrupt ends the work at the end of the window, a second one at once.
+
+    Raised where it comes, an interrupt could fall into a callback from compiled code, which prints and drops it.
+    """
     from tqdm import tqdm
 
     # disable=None hides the bar where standard error is no terminal
-    with tqdm(unit="window", leave=False, disable=True if hidden else None) as bar:
+    with _held_back() as interrupted, tqdm(unit="window", leave=False, disable=True if hidden else None) as bar:
 
         def progress(done: int, count: int) -> None:
             bar.total = count
             bar.update(done - bar.n)
+            if interrupted():
+                raise KeyboardInterrupt
 
         yield progress
 

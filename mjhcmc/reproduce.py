@@ -15,6 +15,7 @@ from typing import Any
 
 from mjhcmc.errors import MjhcmcWarning
 from mjhcmc.methods import METHODS, find_method
+from mjhcmc.methods.windows import Progress
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
 from mjhcmc.plant import MujocoPlant, State
@@ -123,13 +124,16 @@ class Reproduction:
         return self.solutions["hcmc"].verdict.passed
 
 
-def reproduce(movement: str = "fast", dt: float = 0.01, physics_dt: float = 0.001) -> Reproduction:
+def reproduce(
+    movement: str = "fast", dt: float = 0.01, physics_dt: float = 0.001, progress: Progress | None = None
+) -> Reproduction:
     """Run the paper's experiment with every method.
 
     Args:
         movement: ``"fast"`` (three cycles of 0.2 s, the paper's) or ``"slow"`` (three of 0.6 s).
         dt: s, control window.
         physics_dt: s, physics step.
+        progress: called with (windows solved, windows in all) of each method's first call; the timed calls run without.
 
     Raises:
         MotionError: an unknown movement.
@@ -140,7 +144,7 @@ def reproduce(movement: str = "fast", dt: float = 0.01, physics_dt: float = 0.00
     solutions, times = {}, {}
     for name in METHODS:
         method = find_method(name)
-        solutions[name] = method(model, motion, dt=dt, physics_dt=physics_dt)  # the warm-up
+        solutions[name] = method(model, motion, dt=dt, physics_dt=physics_dt, progress=progress)  # the warm-up
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", MjhcmcWarning)  # the warm-up gave each notice once
             times[name] = _median_time(partial(method, model, motion, dt=dt, physics_dt=physics_dt))

@@ -325,6 +325,29 @@ def test_an_interrupt_keeps_what_was_solved(run, mot, tmp_path, interrupt_after,
     assert "Traceback" not in outcome.err
 
 
+@pytest.mark.parametrize("command", ["solve", "reproduce"])
+def test_an_interrupt_in_a_callback_is_not_lost(run, mot, tmp_path, monkeypatch, no_figures, command):
+    """Compiled code calls back (LLVM's cache, MuJoCo's warnings) and drops what a callback raises."""
+    import ctypes
+
+    real, calls = mjhcmc.MujocoPlant.advance, []
+
+    def advance(self, *arguments):
+        calls.append(None)
+        if len(calls) == 30:
+            ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))()
+        return real(self, *arguments)
+
+    monkeypatch.setattr(mjhcmc.MujocoPlant, "advance", advance)
+    arguments = [mot()] if command == "solve" else []
+    outcome = run(command, *arguments, "--out", tmp_path / "out")
+    assert outcome.code == 130
+    assert "Traceback" not in outcome.err
+    part = mjhcmc.Solution.load(tmp_path / "out" / "solution.parquet")
+    assert part.interrupted
+    assert part.n_window == 10
+
+
 def test_an_interrupt_before_the_first_window_leaves_nothing(run, mot, tmp_path, interrupt_after):
     interrupt_after(1)
     for arguments in (["solve", mot()], ["reproduce"]):
