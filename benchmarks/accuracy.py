@@ -15,8 +15,8 @@ from _markdown import JOINTS, digits, grid, main, save_png
 from numpy.typing import ArrayLike, NDArray
 
 import mjhcmc
+from mjhcmc.paper import HARD_MUSCLES, PAPER
 from mjhcmc.plotting import excitation_figure, tracking_figure
-from mjhcmc.reproduce import PAPER_MAX_ERROR_DEG, PAPER_RMSE_DEG
 
 CASES = (("fast", 0.01), ("fast", 0.005), ("slow", 0.01), ("slow", 0.005))
 
@@ -32,13 +32,7 @@ RESERVE_TO_REACH = 1.0  # % of the peak net joint moment
 REPLAY_TO_REACH = {"fast": 0.1, "slow": 0.02}  # deg
 CHANGE_TO_REACH = {"fast": None, "slow": 0.01}
 
-# "Integrator for Musculoskeletal Simulation in Python" (2024), doi 10.17979/ja-cea.2024.45.10802, Table 2; dt .01.
-PAPER_CMC_MAX = (1.6756, 2.8159, 10.4)
-PAPER_CMC_RMSE = (0.7147, 1.2252, 5.6407)
-
 HARD = 0.5
-PAPER_HARD = ("iliopsoas", "gastroc", "rect_fem")
-"""Muscles that, by the paper, need more than half of their excitation at some time."""
 
 # OpenSim 4.6's own CMC, run for this project on the source model of leg8 (Millard muscles, compliant tendons),
 # kp 100, kv 20, reserves of 1 N m: max error hip/knee/ankle, deg.
@@ -76,9 +70,9 @@ def tracking() -> str:
         rows.append((case, "**mjhcmc HCMC**", *(f"**{digits(v)}**" for v in largest), *cells(rms(error))))
         rows.append((case, f"to reach{met}", *cells(TO_REACH[movement, dt]), *"   "))
         if (movement, dt) == ("fast", 0.01):
-            own = [[values[joint] for joint in JOINTS] for values in (PAPER_MAX_ERROR_DEG, PAPER_RMSE_DEG)]
-            rows.append((case, "paper, HCMC", *cells(own[0], 5), *cells(own[1], 5)))
-            rows.append((case, "paper, CMC", *cells(PAPER_CMC_MAX, 5), *cells(PAPER_CMC_RMSE, 5)))
+            for method, reported in PAPER.items():
+                figures = cells((*reported.max_error_deg, *reported.rmse_deg), 5)
+                rows.append((case, f"paper, {method.upper()}", *figures))
         if (movement, dt) in OPENSIM_CMC:
             window, values = OPENSIM_CMC[movement, dt]
             rows.append((case, f"OpenSim 4.6 CMC, {window}", *cells(values), *"   "))
@@ -142,7 +136,7 @@ def peaks() -> str:
         f"{case}: {', '.join(name for name, peak in zip(names, values, strict=True) if peak > HARD) or 'none'}"
         for case, values in largest.items()
     ]
-    return f"Above {HARD:g}: {'; '.join(hard)}. The paper names {', '.join(PAPER_HARD)} on fast.\n\n{table}"
+    return f"Above {HARD:g}: {'; '.join(hard)}. The paper names {', '.join(HARD_MUSCLES)} on fast.\n\n{table}"
 
 
 def figures(folder: Path) -> None:

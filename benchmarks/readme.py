@@ -10,7 +10,7 @@ from __future__ import annotations
 from _markdown import JOINTS, ROOT, digits, grid, main
 
 import mjhcmc
-from mjhcmc.reproduce import PAPER_MAX_ERROR_DEG, PAPER_RMSE_DEG
+from mjhcmc.paper import PAPER
 from mjhcmc.summary import numbers
 
 
@@ -18,7 +18,7 @@ def markdown() -> str:
     """Max error and RMSE of the fast movement at dt 10 ms, and the ratios."""
     model = mjhcmc.MuscleModel.load("leg8")
     values = numbers(mjhcmc.hcmc(model, mjhcmc.Motion.cosine(model, "fast"), dt=0.01))
-    paper = [*(PAPER_MAX_ERROR_DEG[j] for j in JOINTS), *(PAPER_RMSE_DEG[j] for j in JOINTS)]
+    paper = [*PAPER["hcmc"].max_error_deg, *PAPER["hcmc"].rmse_deg]
     ours = [*(values["max_error_deg"][j] for j in JOINTS), *(values["rmse_deg"][j] for j in JOINTS)]
     header = ("tracking error, deg", *(f"{j} max" for j in JOINTS), *(f"{j} RMSE" for j in JOINTS))
     rows = [

@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from mjhcmc.detail import Detail
     from mjhcmc.errors import (
         MjhcmcError,
         MjhcmcWarning,
@@ -23,11 +24,17 @@ if TYPE_CHECKING:
         SettingsError,
         SimulationError,
     )
+    from mjhcmc.io.export import export_opensim
+    from mjhcmc.joint_moments import JointMoments
+    from mjhcmc.methods.cmc import cmc
     from mjhcmc.methods.hcmc import hcmc
-    from mjhcmc.methods.windows import SolveInterrupted
+    from mjhcmc.methods.run import SolveInterrupted
+    from mjhcmc.methods.static_optimization import static_optimization
     from mjhcmc.model import MuscleModel
+    from mjhcmc.model_check.check import check
     from mjhcmc.motion import Motion
     from mjhcmc.plant import MujocoPlant
+    from mjhcmc.segments import joint_angles, segment_angles
     from mjhcmc.solution import Solution, WindowStatus
     from mjhcmc.verify import Verdict, replay, replay_windows
 
@@ -35,6 +42,8 @@ __version__ = "0.1.0"
 
 # Where each public name lives. Imported on first use: MuJoCo and Numba take a second, `mjhcmc --help` should not.
 _HOME = {
+    "Detail": "detail",
+    "JointMoments": "joint_moments",
     "MjhcmcError": "errors",
     "MjhcmcWarning": "errors",
     "ModelError": "errors",
@@ -46,15 +55,23 @@ _HOME = {
     "SettingsError": "errors",
     "SimulationError": "errors",
     "Solution": "solution",
-    "SolveInterrupted": "methods.windows",
+    "SolveInterrupted": "methods.run",
     "Verdict": "verify",
     "WindowStatus": "solution",
+    "check": "model_check.check",
+    "cmc": "methods.cmc",
+    "export_opensim": "io.export",
     "hcmc": "methods.hcmc",
+    "joint_angles": "segments",
     "replay": "verify",
     "replay_windows": "verify",
+    "segment_angles": "segments",
+    "static_optimization": "methods.static_optimization",
 }
 
 __all__ = [
+    "Detail",
+    "JointMoments",
     "MjhcmcError",
     "MjhcmcWarning",
     "ModelError",
@@ -69,9 +86,15 @@ __all__ = [
     "SolveInterrupted",
     "Verdict",
     "WindowStatus",
+    "check",
+    "cmc",
+    "export_opensim",
     "hcmc",
+    "joint_angles",
     "replay",
     "replay_windows",
+    "segment_angles",
+    "static_optimization",
 ]
 
 

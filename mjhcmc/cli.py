@@ -1,4 +1,4 @@
-"""The command line: ``mjhcmc solve`` and ``mjhcmc reproduce``.
+"""The command line: ``mjhcmc solve``, ``mjhcmc reproduce`` and ``mjhcmc check``.
 
 Exit codes: 0 the verdict holds, 1 it fails, 2 bad input, 130 interrupted. Only what a command needs is imported, when
 it runs, so that ``mjhcmc --help`` is instant.
@@ -7,26 +7,37 @@ it runs, so that ``mjhcmc --help`` is instant.
 from __future__ import annotations
 
 import json
-import signal
 import sys
-import threading
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from mjhcmc import __version__
-from mjhcmc.errors import MjhcmcError, MjhcmcWarning, OutputError
+from mjhcmc.cli_support import (
+    INTERRUPTED,
+    engine_notices,
+    fail,
+    interrupt_later,
+    output_folder,
+    progress_bar,
+    show_warning,
+    told,
+)
+from mjhcmc.errors import MjhcmcError, MjhcmcWarning
 from mjhcmc.methods import METHODS, find_method
 
 if TYPE_CHECKING:
-    from mjhcmc.methods.windows import Progress
+    from collections.abc import Callable
+
+    from mjhcmc.model import MuscleModel
+    from mjhcmc.motion import Motion
     from mjhcmc.solution import Solution
 
-_INTERRUPTED = 130
+_FILE = click.Path(path_type=Path)
+_verbose = click.option("-v", "--verbose", count=True, help="Log what is done on standard error; twice: in detail.")
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -36,72 +47,150 @@ def cli() -> None:
 
 
 @cli.command()
-@click.argument("motion", type=click.Path(path_type=Path))
+@click.argument("motions", type=_FILE, nargs=-1, required=True, metavar="MOTION...")
 @click.option("--model", default="leg8", show_default=True, help="A shipped name or a path to an MJCF file.")
 @click.option("--method", default="hcmc", show_default=True, help=f"One of: {', '.join(METHODS)}.")
 @click.option("--dt", default=0.01, show_default=True, help="Control window, s: excitation is constant over it.")
 @click.option("--physics-dt", default=0.001, show_default=True, help="Largest physics step, s.")
 @click.option("--lowpass", type=float, metavar="HZ", help="Zero-phase low-pass filter of the angles.")
+@click.option("--resample", type=float, metavar="HZ", help="Put the motion on an even grid of that many rows a second.")
 @click.option("--start", type=float, metavar="S", help="Begin here, on the file's clock.")
 @click.option("--end", type=float, metavar="S", help="End here, on the file's clock.")
 @click.option(
-    "--map", "column_map", type=click.Path(path_type=Path), metavar="FILE",
-    help='JSON: {"joint": "column"}; a leading - on the column flips its sign.',
+    "--map", "column_map", type=_FILE, metavar="FILE",
+    help='JSON: {"joint": "column"}, or a .csv of such pairs; a leading - on the column flips its sign.',
 )  # fmt: skip
+@click.option("--unit", metavar="deg|rad", help="Unit of the angles, where the file does not say.")
+@click.option("--angles", default="joint", show_default=True, metavar="joint|segment", help="What the angles are of.")
+@click.option("--moments", type=_FILE, metavar="FILE", help="Net joint moments to share, in place of inverse dynamics.")
+@click.option("--cost", metavar="NAME", help="effort (a^2, the default), cubic (a^3), volume or stress.")
+@click.option("--weights", type=_FILE, metavar="FILE", help='JSON: {"muscle": weight}; more: does less.')
+@click.option("--smoothness", type=float, metavar="W", help="Weight of changes of activation beside the cost.")
+@click.option("--min-activation", type=float, metavar="A", help="Least activation of every muscle.")
+@click.option("--disable", multiple=True, metavar="MUSCLE", help="Keep a muscle switched off; may be repeated.")
 @click.option("--solver", default="newton", show_default=True, help="newton, or a qpsolvers back end (daqp, osqp ...).")
+@click.option("--opensim", is_flag=True, help="Write controls and states for OpenSim, too.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the summary.")
 @click.option("--quiet", is_flag=True, help="No progress bar, no summary, no notices: errors only.")
-@click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="Folder for the results.")
+@_verbose
+@click.option("--out", required=True, type=_FILE, metavar="DIR", help="Folder for the results.")
 def solve(
-    motion: Path,
+    motions: tuple[Path, ...],
     model: str,
     method: str,
     dt: float,
     physics_dt: float,
     lowpass: float | None,
+    resample: float | None,
     start: float | None,
     end: float | None,
     column_map: Path | None,
+    unit: str | None,
+    angles: str,
+    moments: Path | None,
+    cost: str | None,
+    weights: Path | None,
+    smoothness: float | None,
+    min_activation: float | None,
+    disable: tuple[str, ...],
     solver: str,
+    opensim: bool,
     as_json: bool,
     quiet: bool,
+    verbose: int,
     out: Path,
 ) -> int:
-    """From a motion file (.mot, .sto) to muscle excitations.
+    """From motion files (.mot, .sto, .csv, .trc) to muscle excitations.
 
-    Writes DIR/solution.parquet, DIR/verdict.json and the figures.
+    Writes DIR/solution.parquet, DIR/verdict.json and the figures; of several motions, into a folder each in DIR.
     """
-    run = find_method(method)
+    find_method(method)
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)
+    click.get_current_context().with_resource(told(verbose))
+    import mjhcmc
+
+    click.get_current_context().with_resource(engine_notices())
+    muscle_model = mjhcmc.MuscleModel.load(model)
+    read = mjhcmc.Motion.from_files(
+        motions, muscle_model, lowpass, column_map=column_map, start=start, end=end, angle_unit=unit,  # type: ignore[arg-type]
+        angles=angles,  # type: ignore[arg-type]
+    )  # fmt: skip
+    for motion in read:
+        noise = motion.noise_warning() if lowpass is None else None
+        for notice in (*motion.notices, *([noise] if noise else [])):
+            warnings.warn(notice if len(read) == 1 else f"{motion.name}: {notice}", MjhcmcWarning, stacklevel=1)
+    if resample is not None:
+        read = [motion.resampled(resample) for motion in read]
+    options: dict[str, Any] = {"dt": dt, "physics_dt": physics_dt, "solver": solver, "disabled": disable}
+    chosen = {"cost": cost, "smoothness": smoothness, "min_activation": min_activation}
+    options |= {name: value for name, value in chosen.items() if value is not None}
+    if weights is not None:
+        options["weights"] = _read_weights(weights)
+    if moments is not None:
+        options["joint_moments"] = mjhcmc.JointMoments.from_file(moments, muscle_model, column_map)
+        for motion in read:
+            options["joint_moments"].check_covers(motion, muscle_model)
+    with output_folder(out) as folder:
+        results = {}
+        for motion in read:
+            place = folder if len(read) == 1 else folder / motion.name
+            results[motion.name] = _solve_one(
+                method, muscle_model, motion, options, place, opensim=opensim, as_json=as_json, quiet=quiet
+            )
+            if results[motion.name]["interrupted"]:
+                break
+    if as_json:
+        click.echo(json.dumps(next(iter(results.values())) if len(read) == 1 else {"motions": results}))
+    if any(result["interrupted"] for result in results.values()):
+        return INTERRUPTED
+    return 0 if all(result["verdict"]["passed"] for result in results.values()) else 1
+
+
+def _solve_one(
+    method: str,
+    model: MuscleModel,
+    motion: Motion,
+    options: dict[str, Any],
+    place: Path,
+    *,
+    opensim: bool,
+    as_json: bool,
+    quiet: bool,
+) -> dict[str, Any]:
+    """Solve one motion into a folder; what --json prints of it."""
     import mjhcmc
     from mjhcmc.summary import numbers, screen
 
-    click.get_current_context().with_resource(_engine_notices())
-    muscle_model = mjhcmc.MuscleModel.load(model)
-    read = mjhcmc.Motion.from_file(motion, muscle_model, lowpass, column_map=column_map, start=start, end=end)
-    noise = read.noise_warning() if lowpass is None else None
-    for notice in (*read.notices, *([noise] if noise else [])):
-        warnings.warn(notice, MjhcmcWarning, stacklevel=1)
-    with _output_folder(out) as folder:
-        interrupted = False
+    interrupted = False
+    with output_folder(place) as folder:
         try:
-            with _progress_bar(quiet or as_json) as progress:
-                solution = run(muscle_model, read, dt, physics_dt, solver=solver, progress=progress)
+            with progress_bar(quiet or as_json) as progress:
+                solution = find_method(method)(model, motion, progress=progress, **options)
         except mjhcmc.SolveInterrupted as stop:
             if stop.solution is None:
                 raise
             solution, interrupted = stop.solution, True
-        files = _write(solution, folder)
-    result = {**numbers(solution), "settings": solution.settings, "interrupted": interrupted, "files": files}
-    if as_json:
-        click.echo(json.dumps(result))
-    elif not quiet:
+        files = _write(solution, folder, opensim=opensim)
+    if not (as_json or quiet):
         click.echo(screen(solution))
         click.echo(f"written  {', '.join(files)}")
-    if interrupted:
-        return _INTERRUPTED
-    return 0 if solution.verdict.passed else 1
+    return {**numbers(solution), "settings": solution.settings, "interrupted": interrupted, "files": files}
+
+
+def _read_weights(path: Path) -> dict[str, float]:
+    """Weights by muscle from a JSON file; their names and values are checked against the model later."""
+    from mjhcmc.errors import SettingsError
+
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise SettingsError(f"weights {path}: cannot be read ({error.strerror}): check the path") from None
+    except ValueError as error:
+        raise SettingsError(f'weights {path}: not JSON ({error}): give {{"muscle": weight}}') from None
+    if not isinstance(content, dict):
+        raise SettingsError(f'weights {path}: holds no object: give {{"muscle": weight}}')
+    return content
 
 
 @cli.command()
@@ -109,32 +198,36 @@ def solve(
 @click.option("--dt", default=0.01, show_default=True, help="Control window, s.")
 @click.option("--physics-dt", default=0.001, show_default=True, help="Largest physics step, s.")
 @click.option(
-    "--out", type=click.Path(path_type=Path), metavar="DIR",
-    help="Folder for the results; ./mjhcmc-reproduce, or nothing with --json.",
-)  # fmt: skip
+    "--out", type=_FILE, metavar="DIR", help="Folder for the results; ./mjhcmc-reproduce, or nothing with --json."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
-def reproduce(movement: str, dt: float, physics_dt: float, out: Path | None, as_json: bool) -> int:
-    """The paper's experiment: table, figures, verdict."""
+@_verbose
+def reproduce(movement: str, dt: float, physics_dt: float, out: Path | None, as_json: bool, verbose: int) -> int:
+    """The paper's experiment, by every method: table, figures, verdict."""
+    click.get_current_context().with_resource(told(verbose))
     import mjhcmc
+    from mjhcmc.plotting import excitation_figure
     from mjhcmc.reproduce import reproduce as run
 
-    click.get_current_context().with_resource(_engine_notices())
+    click.get_current_context().with_resource(engine_notices())
     if out is None and not as_json:
         out = Path("mjhcmc-reproduce")
     files: list[str] = []
     if out is None:
-        with _progress_bar(as_json) as progress:
+        with progress_bar(as_json) as progress:
             result = run(movement, dt, physics_dt, progress)
     else:
-        with _output_folder(out) as folder:
+        with output_folder(out) as folder:
             try:
-                with _progress_bar(as_json) as progress:
+                with progress_bar(as_json) as progress:
                     result = run(movement, dt, physics_dt, progress)
             except mjhcmc.SolveInterrupted as stop:
                 if stop.solution is not None:
                     _write(stop.solution, folder)
                 raise
             files = _write(result.solutions["hcmc"], folder)
+            overlay = None if result.opensim is None else {"OpenSim 4.6 CMC": result.opensim.activity}
+            files += _save({"methods": partial(excitation_figure, result.solutions, overlay)}, folder)
     if as_json:
         click.echo(json.dumps(result.numbers()))
     else:
@@ -143,116 +236,45 @@ def reproduce(movement: str, dt: float, physics_dt: float, out: Path | None, as_
     return 0 if result.passed else 1
 
 
-def _write(solution: Solution, folder: Path) -> list[str]:
+@cli.command()
+@click.argument("model")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the report.")
+@_verbose
+def check(model: str, as_json: bool, verbose: int) -> int:
+    """What mjhcmc sees in a model: muscles, joints, strength, and every problem with its remedy."""
+    click.get_current_context().with_resource(told(verbose))
+    from mjhcmc.model_check.check import check as look
+
+    click.get_current_context().with_resource(engine_notices())
+    report = look(model)
+    click.echo(json.dumps(report.to_dict()) if as_json else report.screen())
+    return 0
+
+
+def _write(solution: Solution, folder: Path, *, opensim: bool = False) -> list[str]:
     """Solution, verdict and figures into a folder; the paths written."""
     from mjhcmc.io.files import written_whole
-    from mjhcmc.plotting import excitation_figure, save_figure, tracking_figure
+    from mjhcmc.plotting import excitation_figure, moment_figure, tracking_figure
 
-    with _interrupt_later():
+    with interrupt_later():
         paths = [solution.save(folder / "solution.parquet")]
         verdict = folder / "verdict.json"
         with written_whole(verdict) as temporary:
             temporary.write_text(json.dumps(solution.verdict.to_dict(), indent=2) + "\n")
-    paths.append(verdict)
-    paths += save_figure(excitation_figure(solution), folder / "excitations")
-    paths += save_figure(tracking_figure(solution), folder / "tracking")
-    return [str(path) for path in paths]
+        paths.append(verdict)
+        if opensim:
+            from mjhcmc.io.export import export_opensim
+
+            paths += export_opensim(solution, folder / "solution")
+    figures = {"excitations": excitation_figure, "tracking": tracking_figure, "moments": moment_figure}
+    return [*map(str, paths), *_save({name: partial(draw, solution) for name, draw in figures.items()}, folder)]
 
 
-@contextmanager
-def _engine_notices() -> Iterator[None]:
-    """MuJoCo's warnings as notices; left alone, it prints them and writes a MUJOCO_LOG.TXT where the user stands."""
-    import mujoco
+def _save(figures: dict[str, Callable[[], Any]], folder: Path) -> list[str]:
+    """Draw figures into a folder; the paths written."""
+    from mjhcmc.plotting import save_figure
 
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda text: warnings.warn(f"MuJoCo: {text}", MjhcmcWarning, stacklevel=1))
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(before)
-
-
-@contextmanager
-def _interrupt_later() -> Iterator[None]:
-    """Hold an interrupt back until the block ends, so that what was solved is kept; a second one does not wait."""
-    with _held_back() as interrupted:
-        yield
-    if interrupted():
-        raise KeyboardInterrupt
-
-
-@contextmanager
-def _held_back() -> Iterator[Callable[[], bool]]:
-    """Hold an interrupt back; gives whether one came. A second one is let through."""
-    came = False
-    if threading.current_thread() is not threading.main_thread():  # interrupts never reach it
-        yield lambda: came
-        return
-
-    def hold_back(*_: Any) -> None:
-        nonlocal came
-        came = True
-        signal.signal(signal.SIGINT, before)
-
-    before = signal.signal(signal.SIGINT, hold_back)
-    try:
-        yield lambda: came
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-@contextmanager
-def _output_folder(path: Path) -> Iterator[Path]:
-    """Make the folder and see that it can be written, before the work; take it away again if the work fails."""
-    made: list[Path] = []
-    try:
-        made = [folder for folder in (path, *path.parents) if not folder.exists()]
-        path.mkdir(parents=True, exist_ok=True)
-        probe = path / ".mjhcmc-probe"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        _remove(made)
-        raise OutputError(
-            f"{path}: the output folder cannot be written ({error.strerror}): choose another --out"
-        ) from error
-    try:
-        yield path
-    except BaseException:
-        _remove(made)
-        raise
-
-
-def _remove(folders: list[Path]) -> None:
-    """Remove folders that are there and empty, innermost first."""
-    for folder in folders:
-        with suppress(OSError):  # never made, or not empty
-            folder.rmdir()
-
-
-@contextmanager
-def _progress_bar(hidden: bool) -> Iterator[Progress]:
-    """A bar over the windows. An interrupt ends the work at the end of the window, a second one at once.
-
-    Raised where it comes, an interrupt could fall into a callback from compiled code, which prints and drops it.
-    """
-    from tqdm import tqdm
-
-    # disable=None hides the bar where standard error is no terminal
-    with _held_back() as interrupted, tqdm(unit="window", leave=False, disable=True if hidden else None) as bar:
-
-        def progress(done: int, count: int) -> None:
-            bar.total = count
-            bar.update(done - bar.n)
-            if interrupted():
-                raise KeyboardInterrupt
-
-        yield progress
-
-
-def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-    if issubclass(category, MjhcmcWarning):
-        click.echo(f"mjhcmc: notice: {_one_line(str(message))}", err=True)
+    return [str(path) for name, draw in figures.items() for path in save_figure(draw(), folder / name)]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -260,26 +282,17 @@ def main(arguments: list[str] | None = None) -> None:
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
+            warnings.showwarning = show_warning
             warnings.simplefilter("always", MjhcmcWarning)
             code = cli.main(arguments or ["--help"], prog_name="mjhcmc", standalone_mode=False)
     except click.ClickException as error:
-        _fail(error.format_message())
+        fail(error.format_message())
     except MjhcmcError as error:
-        _fail(str(error))
+        fail(str(error))
     except (KeyboardInterrupt, click.Abort):
         click.echo("mjhcmc: interrupted before the work was done", err=True)
-        sys.exit(_INTERRUPTED)
+        sys.exit(INTERRUPTED)
     sys.exit(code)
-
-
-def _fail(message: str) -> None:
-    click.echo(f"mjhcmc: error: {_one_line(message)}", err=True)
-    sys.exit(2)
-
-
-def _one_line(message: str) -> str:
-    return " ".join(message.split())
 
 
 if __name__ == "__main__":

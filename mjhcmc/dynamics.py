@@ -25,10 +25,14 @@ class MuscleMoments:
     Attributes:
         B: (nv, n_muscle) N m, joint moments of each muscle at full activation, without its bias.
         p: (nv,) N m, joint moments of all actuators at zero activation (passive force, other actuators).
+        gain: (n_muscle,) N, pulling positive: each muscle's actuator force at full activation, without its bias.
+        bias: (n_muscle,) N, pulling positive: its force at zero activation, fiber damping included.
     """
 
     B: NDArray[np.float64]
     p: NDArray[np.float64]
+    gain: NDArray[np.float64]
+    bias: NDArray[np.float64]
 
 
 def moment_arms(plant: MujocoPlant) -> NDArray[np.float64]:
@@ -50,12 +54,18 @@ def muscle_moments(plant: MujocoPlant) -> MuscleMoments:
     held = d.act[index]
     d.act[index] = 1.0
     mujoco.mj_fwdActuation(m, d)
-    full = d.actuator_force[rows]
+    full = -d.actuator_force[rows]
     d.act[index] = 0.0
     mujoco.mj_fwdActuation(m, d)
-    gain = full - d.actuator_force[rows]
+    passive = -d.actuator_force[rows]
     d.act[index] = held
-    return MuscleMoments(B=-(moment_arms(plant) * gain[:, None]).T, p=d.qfrc_actuator.copy())
+    gain = full - passive
+    return MuscleMoments(
+        B=(moment_arms(plant) * gain[:, None]).T,
+        p=d.qfrc_actuator.copy(),
+        gain=gain,
+        bias=passive + fiber_damping(plant),
+    )
 
 
 def mass_matrix(plant: MujocoPlant) -> NDArray[np.float64]:
@@ -68,14 +78,27 @@ def mass_matrix(plant: MujocoPlant) -> NDArray[np.float64]:
 def required_moment(plant: MujocoPlant, qacc: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
     """Q_active (nv,), N m: what activation must supply for qacc at the plant's state.
 
-    Q_active = M qacc + qfrc_bias - qfrc_passive - J^T f_constraint - p, by MuJoCo's inverse dynamics.
+    Q_active = M qacc + qfrc_bias - qfrc_passive - J^T f_constraint - p - E, by MuJoCo's inverse dynamics; E is the
+    plant's external load.
     """
     m, d = plant.mj_model, plant.mj_data
     held = d.qacc.copy()
     d.qacc[:] = qacc
     mujoco.mj_inverse(m, d)
     d.qacc[:] = held
-    return np.asarray(d.qfrc_inverse - p)
+    return np.asarray(d.qfrc_inverse - p - plant.external_load())
+
+
+def net_moment_for(plant: MujocoPlant, qacc: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(nv,) N m: what muscles, reserves and loads from outside must give together for qacc at the plant's state.
+
+    The terms of `net_joint_moment` but E, by MuJoCo's inverse dynamics; leaves the actuator forces at activation 0.
+    """
+    moments = muscle_moments(plant)
+    R = moment_arms(plant)
+    damping = fiber_damping(plant)
+    others = moments.p - R.T @ (moments.bias - damping)
+    return required_moment(plant, qacc, others) + plant.external_load() + R.T @ damping
 
 
 def damping_and_stiffness(plant: MujocoPlant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -168,8 +191,8 @@ def node_forces(plant: MujocoPlant) -> NodeForces:
 def net_joint_moment(plant: MujocoPlant) -> NDArray[np.float64]:
     """(nv,) N m at the plant's last `forward`: what muscles and reserves must give for its qacc.
 
-    M qacc + qfrc_bias - (qfrc_passive - R^T f_damping) - J^T f_constraint - other actuators, f_damping being the
-    muscles' own (see `fiber_damping`). Equals R^T F + reserve.
+    M qacc + qfrc_bias - (qfrc_passive - R^T f_damping) - J^T f_constraint - other actuators - E, f_damping being the
+    muscles' own (see `fiber_damping`), E the external load. Equals R^T F + reserve.
     """
     m, d = plant.mj_model, plant.mj_data
     inertial = np.empty(m.nv)
@@ -178,4 +201,4 @@ def net_joint_moment(plant: MujocoPlant) -> NDArray[np.float64]:
     muscle = -d.actuator_force[m.actuator_outadr[plant.model.muscle_ids]]
     others = d.qfrc_actuator - R.T @ muscle
     passive = d.qfrc_passive - R.T @ fiber_damping(plant)
-    return np.asarray(inertial + d.qfrc_bias - passive - d.qfrc_constraint - others)
+    return np.asarray(inertial + d.qfrc_bias - passive - d.qfrc_constraint - others - plant.external_load())

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import warnings
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,19 @@ from numpy.typing import NDArray
 
 from mjhcmc.assets import model_names, model_path
 from mjhcmc.errors import MjhcmcWarning, ModelError
+from mjhcmc.log import get_logger
+from mjhcmc.model_problems import (
+    find_problems,
+    joint_names_of,
+    muscle_ids_of,
+    names_of,
+    read_column_map,
+)
+from mjhcmc.opensim_names import OpenSimNames, read_opensim_names
 
-COLUMN_MAP_TEXT = "opensim_coordinates"
-"""Name of the MJCF ``<custom><text>`` whose data, ``joint=column ...``, maps a model's joints onto file columns."""
+__all__ = ["MuscleModel", "compile_model", "engine_integrator", "read_model"]
+
+_log = get_logger(__name__)
 
 
 @dataclass(frozen=True)
@@ -40,6 +51,7 @@ class MuscleModel:
         act_index: (n_muscle,) index of each muscle's activation in ``MjData.act``.
         activation_parameters: (n_muscle, 3) s, s, 1: activation and deactivation time constant, smoothing width.
         excitation_range: (n_muscle, 2) the excitations that the model lets through, within [0, 1].
+        opensim: what OpenSim calls the joints and muscles, where the model ships it.
     """
 
     name: str
@@ -55,6 +67,7 @@ class MuscleModel:
     act_index: NDArray[np.intp]
     activation_parameters: NDArray[np.float64]
     excitation_range: NDArray[np.float64]
+    opensim: OpenSimNames = field(default_factory=OpenSimNames)
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -76,6 +89,28 @@ class MuscleModel:
         """Number of muscles."""
         return len(self.muscle_names)
 
+    @property
+    def max_isometric_force(self) -> NDArray[np.float64]:
+        """(n_muscle,) N, F0 along the tendon of MuJoCo's muscles; NaN for other gains.
+
+        Where ``force`` is left out, MuJoCo takes ``scale`` over the acceleration that a unit force gives.
+        """
+        m, i = self.mj_model, self.muscle_ids
+        force, scale = m.actuator_gainprm[i, 2], m.actuator_gainprm[i, 3]
+        return self._if_muscle_gain(np.where(force < 0, scale / np.maximum(mujoco.mjMINVAL, m.actuator_acc0[i]), force))
+
+    @property
+    def optimal_fiber_length(self) -> NDArray[np.float64]:
+        """(n_muscle,) m, L0 along the tendon of MuJoCo's muscles; NaN for other gains."""
+        m, i = self.mj_model, self.muscle_ids
+        with np.errstate(divide="ignore", invalid="ignore"):  # other gains have no such range
+            length = np.ptp(m.actuator_lengthrange[i], axis=1) / np.ptp(m.actuator_gainprm[i, :2], axis=1)
+        return self._if_muscle_gain(length)
+
+    def _if_muscle_gain(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        is_muscle = self.mj_model.actuator_gaintype[self.muscle_ids] == mujoco.mjtGain.mjGAIN_MUSCLE
+        return np.where(is_muscle, values, np.nan)
+
     @classmethod
     def load(cls, source: str | Path | Any) -> MuscleModel:
         """Load a model and check that its muscles can be driven.
@@ -93,41 +128,80 @@ class MuscleModel:
         """
         if isinstance(source, cls):
             return source
-        m, name = _compile(source)
-        _check_joints(m, name)
-        muscles = _muscles(m, name)
-        for i in muscles:
-            _check_muscle(m, name, int(i))
+        m, name = compile_model(source)
+        problems = find_problems(m, name)
+        if problems:
+            more = f" (and {len(problems) - 1} more: mjhcmc check MODEL lists them)" if len(problems) > 1 else ""
+            raise ModelError(problems[0].message(name) + more)
         if m.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
-            found = mujoco.mjtIntegrator(m.opt.integrator).name.removeprefix("mjINT_")
             warnings.warn(
-                f"model {name!r} names the integrator {found}; mjhcmc steps a copy of it by RK4",
+                f"model {name!r} names the integrator {engine_integrator(m)}; mjhcmc steps a copy of it by RK4",
                 MjhcmcWarning,
                 stacklevel=2,
             )
-            m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
-        # a diverging simulation must be seen, not silently reset to the reference pose
-        m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        # mj_inverse is meant in continuous time; with RK4 the discrete flag is an error in MuJoCo
-        m.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
-        ctrl = m.actuator_ctrladr[muscles].astype(np.intp)
-        limited = m.actuator_ctrllimited[muscles].astype(bool)[:, None]
-        urange = np.where(limited, m.actuator_ctrlrange[muscles], [[0.0, 1.0]])
-        return cls(
-            name=name,
-            mj_model=m,
-            joint_names=_names(m, mujoco.mjtObj.mjOBJ_JOINT, range(m.njnt), "joint"),
-            joint_is_rotation=m.jnt_type == mujoco.mjtJoint.mjJNT_HINGE,
-            joint_range=np.where(m.jnt_limited.astype(bool)[:, None], m.jnt_range, [[-np.inf, np.inf]]),
-            qpos_reference=m.qpos0.copy(),
-            column_map=_column_map(m, name),
-            muscle_names=_names(m, mujoco.mjtObj.mjOBJ_ACTUATOR, muscles, "muscle"),
-            muscle_ids=muscles,
-            ctrl_index=ctrl,
-            act_index=m.actuator_actadr[muscles].astype(np.intp),
-            activation_parameters=np.ascontiguousarray(m.actuator_dynprm[muscles, :3]),
-            excitation_range=np.ascontiguousarray(np.clip(urange, 0.0, 1.0)),
+        model = read_model(m, name)
+        _log.info("model %r loaded: %d muscles, joints %s", name, model.n_muscle, ", ".join(model.joint_names))
+        _log.debug("muscles of model %r: %s", name, ", ".join(model.muscle_names))
+        return model
+
+
+def read_model(m: Any, name: str) -> MuscleModel:
+    """A MuscleModel of a compiled model, which becomes its own and is set to RK4. Nothing is checked.
+
+    `MuscleModel.load` is for users; this is for those who report on models that it refuses. Custom texts that cannot be
+    understood are left out.
+    """
+    m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    # a diverging simulation must be seen, not silently reset to the reference pose
+    m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    # mj_inverse is meant in continuous time; with RK4 the discrete flag is an error in MuJoCo
+    m.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
+    muscles = muscle_ids_of(m)
+    limited = m.actuator_ctrllimited[muscles].astype(bool)[:, None]
+    urange = np.where(limited, m.actuator_ctrlrange[muscles], [[0.0, 1.0]])
+    joint_names = joint_names_of(m)
+    muscle_names = names_of(m, mujoco.mjtObj.mjOBJ_ACTUATOR, muscles, "muscle")
+    column_map: dict[str, str] = {}
+    opensim = OpenSimNames()
+    with suppress(ModelError):  # `find_problems` tells
+        column_map = read_column_map(m, name)
+    with suppress(ModelError):
+        opensim = read_opensim_names(m, name, joint_names, muscle_names)
+    return MuscleModel(
+        name=name,
+        mj_model=m,
+        joint_names=joint_names,
+        joint_is_rotation=m.jnt_type == mujoco.mjtJoint.mjJNT_HINGE,
+        joint_range=np.where(m.jnt_limited.astype(bool)[:, None], m.jnt_range, [[-np.inf, np.inf]]),
+        qpos_reference=m.qpos0.copy(),
+        column_map=column_map,
+        muscle_names=muscle_names,
+        muscle_ids=muscles,
+        ctrl_index=m.actuator_ctrladr[muscles].astype(np.intp),
+        act_index=m.actuator_actadr[muscles].astype(np.intp),
+        activation_parameters=np.ascontiguousarray(m.actuator_dynprm[muscles, :3]),
+        excitation_range=np.ascontiguousarray(np.clip(urange, 0.0, 1.0)),
+        opensim=opensim,
+    )
+
+
+def engine_integrator(m: Any) -> str:
+    """The integrator that a compiled model names, such as ``RK4``."""
+    return str(mujoco.mjtIntegrator(m.opt.integrator).name.removeprefix("mjINT_"))
+
+
+def compile_model(source: str | Path | Any) -> tuple[Any, str]:
+    """A private MjModel with at least one muscle, and its name, from whatever `MuscleModel.load` takes.
+
+    Raises:
+        ModelError: MuJoCo cannot load it, or it has no muscle.
+    """
+    m, name = _compile(source)
+    if not muscle_ids_of(m).size:
+        raise ModelError(
+            f"model {name!r} has no muscle among its {m.nactuator} actuators: add <muscle> actuators to it"
         )
+    return m, name
 
 
 def _compile(source: Any) -> tuple[Any, str]:
@@ -171,106 +245,3 @@ def _one_line(error: Exception) -> str:
 def _model_name(m: Any) -> str:
     name = m.names[: m.names.index(b"\0")].decode()
     return "" if name == "MuJoCo Model" else name
-
-
-def _names(m: Any, kind: Any, ids: Any, fallback: str) -> tuple[str, ...]:
-    """Names in the order of ids; one without a name is called by its kind and number, such as joint3."""
-    given = [mujoco.mj_id2name(m, kind, int(i)) for i in ids]
-    names = []
-    for i, name in zip(ids, given, strict=True):
-        own = name or f"{fallback}{int(i)}"
-        while not name and own in given:  # another has that very name
-            own += "_"
-        names.append(own)
-    return tuple(names)
-
-
-def _check_joints(m: Any, name: str) -> None:
-    for j in range(m.njnt):
-        kind = mujoco.mjtJoint(m.jnt_type[j])
-        if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-            joint = _names(m, mujoco.mjtObj.mjOBJ_JOINT, [j], "joint")[0]
-            raise ModelError(
-                f"model {name!r}: joint {joint!r} is of type {kind.name.removeprefix('mjJNT_').lower()}; only hinge "
-                "and slide joints can be followed: replace it by hinges, or fix that body"
-            )
-    active = [e for e in range(m.neq) if m.eq_active0[e]]
-    if active:
-        equality = _names(m, mujoco.mjtObj.mjOBJ_EQUALITY, active, "equality")
-        raise ModelError(
-            f"model {name!r}: equality constraint {equality[0]!r} couples its joints, which is not supported: remove "
-            f'it or set active="false" ({len(active)} active)'
-        )
-
-
-def _muscles(m: Any, name: str) -> NDArray[np.intp]:
-    found = np.flatnonzero(m.actuator_dyntype == mujoco.mjtDyn.mjDYN_MUSCLE)
-    if not found.size:
-        raise ModelError(
-            f"model {name!r} has no muscle among its {m.nactuator} actuators: add <muscle> actuators to it"
-        )
-    return found.astype(np.intp)
-
-
-def _check_muscle(m: Any, name: str, i: int) -> None:
-    """Refuse what would make the muscle's force other than gain * activation + bias."""
-    muscle = _names(m, mujoco.mjtObj.mjOBJ_ACTUATOR, [i], "muscle")[0]
-
-    def refuse(found: str, remedy: str) -> ModelError:
-        return ModelError(f"model {name!r}: muscle {muscle!r} {found}: {remedy}")
-
-    gain, bias = mujoco.mjtGain, mujoco.mjtBias
-    plain_gain = {int(kind) for kind in (gain.mjGAIN_FIXED, gain.mjGAIN_AFFINE, gain.mjGAIN_MUSCLE)}
-    plain_bias = {int(kind) for kind in (bias.mjBIAS_NONE, bias.mjBIAS_AFFINE, bias.mjBIAS_MUSCLE)}
-    if int(m.actuator_gaintype[i]) not in plain_gain or int(m.actuator_biastype[i]) not in plain_bias:
-        raise refuse("has a user-defined gain or bias", "use gaintype and biastype muscle")
-    if m.actuator_forcelimited[i]:
-        raise refuse(
-            f"is clamped by forcerange {_range(m.actuator_forcerange[i])}, so its force is not affine in activation",
-            "remove forcerange",
-        )
-    if m.actuator_actlimited[i] and not (m.actuator_actrange[i, 0] <= 0 and m.actuator_actrange[i, 1] >= 1):
-        raise refuse(f"has actrange {_range(m.actuator_actrange[i])}, narrower than 0..1", "remove actrange")
-    if m.actuator_actearly[i]:
-        raise refuse("has actearly, so its force depends on excitation", "remove actearly")
-    if m.actuator_delay[i] > 0:
-        raise refuse(f"has a delay of {m.actuator_delay[i]:g} s", "remove delay")
-    low, high = m.actuator_ctrlrange[i]
-    if m.actuator_ctrllimited[i] and not max(low, 0) < min(high, 1):
-        raise refuse(f"has ctrlrange {_range((low, high))}, which leaves nothing of 0..1", "set ctrlrange to 0 1")
-    off = m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-    if off or (0 <= m.actuator_group[i] < 31 and m.opt.disableactuator & (1 << int(m.actuator_group[i]))):
-        raise refuse("is disabled by the model's options", "enable actuation and its actuator group")
-    kind, target = m.actuator_trntype[i], int(m.actuator_trnid[i, 0])
-    if kind == mujoco.mjtTrn.mjTRN_TENDON and m.tendon_actfrclimited[target]:
-        tendon = _names(m, mujoco.mjtObj.mjOBJ_TENDON, [target], "tendon")[0]
-        raise refuse(f"pulls tendon {tendon!r}, whose force is clamped by actuatorfrcrange", "remove it")
-    if m.jnt_actfrclimited.any():
-        joint = _names(m, mujoco.mjtObj.mjOBJ_JOINT, [int(np.argmax(m.jnt_actfrclimited))], "joint")[0]
-        raise ModelError(
-            f"model {name!r}: the muscles' moment at joint {joint!r} is clamped by actuatorfrcrange, so it is not "
-            "affine in activation: remove actuatorfrcrange"
-        )
-
-
-def _range(values: Any) -> str:
-    return f"{values[0]:g}..{values[1]:g}"
-
-
-def _column_map(m: Any, name: str) -> dict[str, str]:
-    text = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_TEXT, COLUMN_MAP_TEXT)
-    if text < 0:
-        return {}
-    start, size = int(m.text_adr[text]), int(m.text_size[text])
-    pairs = bytes(m.text_data[start : start + size - 1]).decode().split()
-    joints = _names(m, mujoco.mjtObj.mjOBJ_JOINT, range(m.njnt), "joint")
-    result = {}
-    for pair in pairs:
-        joint, found, column = pair.partition("=")
-        if not found or joint not in joints or not column.lstrip("-"):
-            raise ModelError(
-                f"model {name!r}: custom text {COLUMN_MAP_TEXT!r} holds {pair!r}; write joint=column with joints "
-                f"{', '.join(joints)}"
-            )
-        result[joint] = column
-    return result

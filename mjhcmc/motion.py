@@ -1,61 +1,36 @@
 """Motion: joint positions on a time grid, and their derivatives by an interpolating spline."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjhcmc.cosine import COSINE_PERIODS, cosine_rows
 from mjhcmc.errors import MotionError, SettingsError
-from mjhcmc.signals import power_above, zero_phase_lowpass
+from mjhcmc.joints import RANGE_ALLOWANCE, TIME_TOLERANCE, JointModel, check_joint_range
+from mjhcmc.signals import check_cutoff, power_above, zero_phase_lowpass
+
+__all__ = [
+    "COSINE_PERIODS",
+    "RANGE_ALLOWANCE",
+    "TIME_TOLERANCE",
+    "JointModel",
+    "Motion",
+    "Reference",
+    "check_cutoff",
+    "check_joint_range",
+]
 
 Array = NDArray[np.float64]
 
-TIME_TOLERANCE = 1e-9
-"""s. Times closer than this are the same time."""
-
-RANGE_ALLOWANCE = 2e-3
-"""rad (.11 deg) or m: a spline or filter overshoots a little where a joint rests at its limit."""
-
-COSINE_PERIODS = {"fast": 0.2, "slow": 0.6}
-"""s a cycle of the named cosine movements."""
-
-_COSINE_AMPLITUDES = {"hip": np.deg2rad(10.0), "knee": np.deg2rad(-20.0), "ankle": np.deg2rad(-10.0)}
-_COSINE_ROWS_PER_CYCLE = 1000  # the quintic spline's q'' then errs by 1e-9 of its peak, at the ends too
+_ROWS_AT_MOST = 1_000_000  # of a resampled motion: more is a slip of the rate's unit
 _NOISE_FREQUENCY = 15.0  # Hz: movement has next to nothing above it
 _NOISE_SHARE = 0.2  # of the power of q'': near half of its rms
 _NOISE_FLOOR = 1.0  # rad/s2 or m/s2 rms: rounding in a joint held still is not worth a word
-
-
-class JointModel(Protocol):
-    """What a motion needs to know of a model; MuscleModel has it."""
-
-    @property
-    def name(self) -> str:
-        """The model's name."""
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """(nq) names of the hinge and slide joints, in the order of qpos."""
-
-    @property
-    def joint_is_rotation(self) -> NDArray[np.bool_]:
-        """(nq,) true for hinges, false for slides."""
-
-    @property
-    def joint_range(self) -> Array:
-        """(nq, 2) limits, rad or m; infinite where there are none."""
-
-    @property
-    def qpos_reference(self) -> Array:
-        """(nq,) the reference pose, rad or m."""
-
-    @property
-    def column_map(self) -> Mapping[str, str]:
-        """Joint to file column, as shipped with the model; a leading minus flips the sign."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,41 +201,8 @@ class Motion:
             SettingsError: an unknown movement, both or neither of movement and amplitudes, a period, number
                 of cycles or amplitude that is no positive (finite) number.
         """
-        if (movement is None) == (amplitudes is None):
-            raise SettingsError(
-                f"cosine: give one of the movements {', '.join(COSINE_PERIODS)}, or amplitudes and period"
-            )
-        if movement is not None:
-            if movement not in COSINE_PERIODS:
-                raise SettingsError(f"cosine: unknown movement {movement!r}: choose from {', '.join(COSINE_PERIODS)}")
-            if period is not None:
-                raise SettingsError(f"cosine: {movement!r} has its own period: leave period out, or give amplitudes")
-            missing = [joint for joint in _COSINE_AMPLITUDES if joint not in model.joint_names]
-            if missing:
-                raise MotionError(
-                    f"cosine: model {model.name} has no joint {', '.join(missing)}, which {movement!r} "
-                    f"moves; it has "
-                    f"{', '.join(model.joint_names)}: give amplitudes={{joint: rad}} and period"
-                )
-            amplitudes, period = _COSINE_AMPLITUDES, COSINE_PERIODS[movement]
-        assert amplitudes is not None
-        for what, value in (("period", period), ("cycles", cycles)):
-            if value is None or not 0 < value < np.inf:
-                raise SettingsError(f"cosine: {what} is {value}: give a positive number")
-        assert period is not None
-        excursion = np.zeros(len(model.joint_names))
-        for joint, amplitude in amplitudes.items():
-            if joint not in model.joint_names:
-                raise MotionError(
-                    f"cosine: model {model.name} has no joint {joint!r}: its joints are {', '.join(model.joint_names)}"
-                )
-            if not np.isfinite(amplitude):
-                raise SettingsError(f"cosine: the amplitude of joint {joint} is {amplitude}: give a finite number")
-            excursion[model.joint_names.index(joint)] = amplitude
-        phase = np.linspace(0.0, cycles, int(np.ceil(_COSINE_ROWS_PER_CYCLE * max(cycles, 0.01))) + 1)
-        # 1 - cos x = 2 sin^2(x/2) keeps its digits near rest, where q'' is at its largest.
-        qpos = np.asarray(model.qpos_reference) + np.sin(np.pi * phase)[:, None] ** 2 * excursion
-        motion = cls(phase * period, qpos, name or movement or "cosine", joint_names=tuple(model.joint_names))
+        time, qpos, named = cosine_rows(model, movement, amplitudes, period, cycles)
+        motion = cls(time, qpos, name or named, joint_names=tuple(model.joint_names))
         check_joint_range(
             motion, model, motion.time, qpos, f"cosine movement {motion.name!r}", 1e-9, "give smaller amplitudes"
         )
@@ -276,35 +218,128 @@ class Motion:
         column_map: Mapping[str, str] | str | os.PathLike[str] | None = None,
         start: float | None = None,
         end: float | None = None,
+        angle_unit: Literal["deg", "rad"] | None = None,
+        angles: Literal["joint", "segment"] = "joint",
     ) -> "Motion":
-        """Read a motion from an OpenSim .mot or .sto file.
+        """Read a motion from a table of angles (.mot, .sto, .csv) or from markers (.trc).
 
-        Columns are found for each joint in this order: column_map; a column of the joint's name; the model's
-        own column_map. OpenSim's path names (/jointset/hip_r/hip_flexion_r/value) go by the coordinate's
-        name. Angles turn from degrees to radians where the header says inDegrees=yes.
+        Tables: a column is found for each joint in this order: column_map; a column of the joint's name; q/JOINT,
+        as `Solution.save` writes it; the model's own column_map. OpenSim's path names
+        (/jointset/hip_r/hip_flexion_r/value) go by the coordinate's name. Angles turn from degrees to radians
+        where the header (of a .csv: a line ``# inDegrees=yes`` above the column names), the column's name
+        (``hip (deg)``, in a .csv) or angle_unit says so; a file that says nothing is refused.
+
+        Markers: inverse kinematics onto the model's sites (see `mjhcmc.io.markers`).
 
         Args:
             path: the file.
             model: the model to move.
             lowpass_hz: cutoff of a zero-phase low-pass filter (see signals.zero_phase_lowpass), Hz; None: no
                 filter.
-            column_map: joint to column, a leading minus on the column flips its sign; or a JSON file of such
-                an object.
+            column_map: joint to column, a leading minus on the column flips its sign; for a .trc, site to
+                marker. Or a file of such pairs: a JSON object, or a .csv of two columns.
             start: where to begin, s on the file's clock; None: its first row.
             end: where to end, s on the file's clock; None: its last row.
+            angle_unit: "deg" or "rad" for a file that does not say its unit; None: as the file says.
+            angles: "segment" where the columns, named after the joints as always, hold rotations of the joints'
+                bodies, not of the joints (see `mjhcmc.segments`).
 
         Returns:
             The motion, which begins and ends exactly at start and end, whether or not rows stand there.
-            Columns that were not used are in its notices.
+            Columns that were not used are in its notices, and how well the markers were met.
 
         Raises:
-            MotionError: the file, the map, a row, or the model's joint ranges do not allow it; one line says
-                what and what to do.
-            SettingsError: lowpass_hz is not above 0 and below half the sampling rate.
+            MotionError: the file, the map, a row, or the model's joint ranges do not allow it, or angle_unit
+                contradicts the file; one line says what and what to do.
+            ModelError: the model has no segment angles, or markers cannot move it.
+            SettingsError: lowpass_hz is not above 0 and below half the sampling rate; an angle_unit or angles
+                other than those above.
         """
         from mjhcmc.io.motion_file import read_motion
 
-        return read_motion(path, model, lowpass_hz, column_map=column_map, start=start, end=end)
+        return read_motion(
+            path, model, lowpass_hz, column_map=column_map, start=start, end=end, angle_unit=angle_unit, angles=angles
+        )
+
+    @classmethod
+    def from_files(
+        cls,
+        paths: Iterable[str | os.PathLike[str]],
+        model: JointModel,
+        lowpass_hz: float | None = None,
+        *,
+        column_map: Mapping[str, str] | str | os.PathLike[str] | None = None,
+        start: float | None = None,
+        end: float | None = None,
+        angle_unit: Literal["deg", "rad"] | None = None,
+        angles: Literal["joint", "segment"] = "joint",
+    ) -> "list[Motion]":
+        """Read several motions, all before any work begins.
+
+        Args:
+            paths: the files.
+            model: the model to move.
+            lowpass_hz: as in `from_file`, for every file; so are all that follow.
+            column_map, start, end, angle_unit, angles: see `from_file`.
+
+        Returns:
+            A motion a file, in their order. Names differ, whatever the letters' case: files of one stem get
+            their folder's name in front (``left_walk``, ``right_walk``).
+
+        Raises:
+            MotionError: no files, a file given twice, or files that cannot be read: the first one's message,
+                and which others are bad.
+            ModelError, SettingsError: as `from_file`, at the first file.
+        """
+        from mjhcmc.io.motion_files import read_motions
+
+        return read_motions(
+            paths, model, lowpass_hz, column_map=column_map, start=start, end=end, angle_unit=angle_unit, angles=angles
+        )
+
+    def resampled(self, rate_hz: float) -> "Motion":
+        """The motion on an even grid with rows at start and end, through its quintic spline.
+
+        Nothing is filtered: what moves faster than half the new rate is folded into slower movement (aliased).
+        Take a rate well above twice the highest frequency, or `lowpassed` first.
+
+        Args:
+            rate_hz: rows a second, Hz. The step is changed by as little as makes the duration a whole number
+                of steps.
+
+        Returns:
+            A motion with the same span; rows outside the span stay as far as whole steps reach.
+
+        Raises:
+            SettingsError: rate_hz is no positive number, or gives fewer than 4 rows, or more than a million.
+        """
+        if not 0 < rate_hz < np.inf:
+            raise SettingsError(f"resampling rate {rate_hz} Hz: choose one above 0, such as 100")
+        steps = max(float(rate_hz) * self.duration, 1.0)
+        whole = (self.time[-1] - self.time[0]) * rate_hz
+        if round(steps) < 3 or whole > _ROWS_AT_MOST:
+            raise SettingsError(
+                f"resampling rate {rate_hz:g} Hz: {self.name} lasts {self.duration:.6g} s: choose one from "
+                f"{3 / self.duration:.6g} to {_ROWS_AT_MOST / (self.time[-1] - self.time[0]):.6g} Hz"
+            )
+        n = round(steps)
+        step = self.duration / n
+        before, after = (int(gap / step) for gap in (self.start - self.time[0], self.time[-1] - self.end))
+        time = np.concatenate(
+            [
+                self.start - step * np.arange(before, 0, -1),
+                np.linspace(self.start, self.end, n + 1),
+                self.end + step * np.arange(1, after + 1),
+            ]
+        )
+        return Motion(
+            time,
+            self._spline(np.clip(time, self.time[0], self.time[-1])),
+            self.name,
+            (*self.notices, f"resampled at {1 / step:.6g} Hz"),
+            self.joint_names,
+            (self.start, self.end),
+        )
 
     def lowpassed(self, hz: float) -> "Motion":
         """The motion through a zero-phase Butterworth filter of fourth order.
@@ -365,40 +400,6 @@ class Motion:
             f"{self.name}: raw noise dominates q'': {100 * share[worst]:.0f} % of the power of q'' of "
             f"{self.joint_label(worst)} lies above {_NOISE_FREQUENCY:g} Hz: filter with --lowpass 6"
         )
-
-
-def check_cutoff(hz: float) -> None:
-    """Raise SettingsError unless hz is a positive number."""
-    if not 0 < hz < np.inf:
-        raise SettingsError(f"low-pass cutoff {hz} Hz: choose one above 0, such as 6")
-
-
-def check_joint_range(
-    motion: Motion, model: JointModel, time: Array, qpos: Array, source: str, allowance: float, remedy: str
-) -> None:
-    """Raise MotionError where positions leave the model's joint ranges.
-
-    Args:
-        motion: for the joints' labels.
-        model: the model, with joint_range (nq, 2).
-        time: (n,) s.
-        qpos: (n, nq) rad or m.
-        source: what to call it in the message.
-        allowance: rad or m past a limit that is let pass.
-        remedy: what to do, the message's last words.
-    """
-    limits = np.asarray(model.joint_range, dtype=np.float64)
-    excess = np.maximum(limits[:, 0] - qpos, qpos - limits[:, 1])
-    if excess.max() <= allowance:
-        return
-    row, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
-    scale, unit = (180 / np.pi, "deg") if model.joint_is_rotation[joint] else (1.0, "m")
-    low, high = scale * limits[joint]
-    raise MotionError(
-        f"{source}: {motion.joint_label(int(joint))} is at {scale * qpos[row, joint]:.9g} {unit} at "
-        f"{time[row]:.6g} s, "
-        f"outside its range {low:.6g} .. {high:.6g} {unit} in model {model.name}: {remedy}"
-    )
 
 
 def _frozen(value: Any, what: str) -> Array:

@@ -26,13 +26,13 @@ PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4
 BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, GRAY = PALETTE
 _METHOD_COLOR = {"hcmc": BLUE, "cmc": VERMILLION, "static": GREEN}
 _METHOD_TITLE = {"hcmc": "HCMC", "cmc": "CMC", "static": "static optimization"}
-_INK, _SOFT, AXIS, _GRID, DESIRED = "#262626", "#6B6B6B", "#9A9A9A", "#E8E8E8", "#C4C4C4"
+INK, _SOFT, AXIS, _GRID, DESIRED = "#262626", "#6B6B6B", "#9A9A9A", "#E8E8E8", "#C4C4C4"
 SATURATED, FLAGGED = "#FCF3C0", "#EDEDED"
 
 _STYLE: Any = {
     "font.family": "DejaVu Sans",  # ships with matplotlib: figures look the same everywhere
     "font.size": 8.0,
-    "text.color": _INK,
+    "text.color": INK,
     "text.usetex": False,
     "axes.edgecolor": AXIS,
     "axes.facecolor": "white",
@@ -43,7 +43,7 @@ _STYLE: Any = {
     "axes.grid": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.titlecolor": _INK,
+    "axes.titlecolor": INK,
     "axes.titlesize": 9.0,
     "axes.unicode_minus": True,
     "figure.facecolor": "white",
@@ -85,7 +85,7 @@ class Sheet:
         vars(self.figure)["_repr_png_"] = partial(_png, self.figure)  # a notebook shows it without pyplot
         x = self.left / width
         self.figure.suptitle(
-            title, x=x, y=1 - 0.13 / height, ha="left", va="top", color=_INK,
+            title, x=x, y=1 - 0.13 / height, ha="left", va="top", color=INK,
             fontsize=float(np.clip(12 * room / (0.1 * max(len(title), 1)), 6, 12)),
         )  # fmt: skip
         self.figure.legend(
@@ -105,11 +105,7 @@ class Sheet:
         y = height - self._row_top(row) - self._height
         ax = self.figure.add_axes((x / width, y / height, self._width / width, self._height / height))
         if title is not None:
-            text = readable(title)
-            keep = int(self._width / 0.077)
-            if len(text) > keep:  # both ends: names differ at either
-                text = f"{text[: keep - keep // 2 - 1]}…{text[len(text) - keep // 2 :]}"
-            ax.set_title(text, loc="left", pad=4.0)
+            ax.set_title(shortened(readable(title), int(self._width / 0.077)), loc="left", pad=4.0)
         return ax
 
     def label_values(self, ax: Axes, label: str, distance: float = 0.4) -> None:
@@ -246,6 +242,11 @@ def columns_for(count: int) -> int:
 def readable(name: str) -> str:
     """A name as a person writes it."""
     return name.replace("_", " ")
+
+
+def shortened(text: str, keep: int) -> str:
+    """The text, or its ends around an ellipsis, of at most that many characters: names differ at either end."""
+    return text if len(text) <= keep else f"{text[: keep - keep // 2 - 1]}…{text[len(text) - keep // 2 :]}"
 
 
 def darker(color: str) -> tuple[float, float, float]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -19,6 +20,10 @@ from mjhcmc.model import MuscleModel
 
 RK4_LIMIT = 2.78
 """Largest step times decay rate at which classical Runge-Kutta is stable (2.785 on the real axis)."""
+
+
+External = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Loads that act from outside, as generalized forces: times (n,) s to (n, nv) N m."""
 
 
 def physics_steps(dt: float, physics_dt: float) -> int:
@@ -52,12 +57,13 @@ class MujocoPlant:
     Args:
         model: the model.
         physics_dt: s, length of a physics step.
+        external: loads from outside; held over each physics step at their value in its middle.
 
     Raises:
         SettingsError: physics_dt is not a positive number.
     """
 
-    def __init__(self, model: MuscleModel, physics_dt: float = 1e-3) -> None:
+    def __init__(self, model: MuscleModel, physics_dt: float = 1e-3, external: External | None = None) -> None:
         if not (math.isfinite(physics_dt) and physics_dt > 0):
             raise SettingsError(f"physics_dt must be positive, in seconds; got {physics_dt}")
         self.model = model
@@ -65,6 +71,8 @@ class MujocoPlant:
         self.mj_model.opt.timestep = physics_dt
         self.mj_data = mujoco.MjData(self.mj_model)
         self.physics_dt = physics_dt
+        self.external = external
+        self._reserve = np.zeros(model.nv)
 
     def set_state(self, state: State) -> None:
         """Put the plant into a state; derived quantities are stale until `forward`."""
@@ -84,15 +92,30 @@ class MujocoPlant:
         """Hold excitation (n_muscle,) (None: leave it) and reserve (nv,) N m until the next call."""
         if excitation is not None:
             self.mj_data.ctrl[self.model.ctrl_index] = excitation
+        self._reserve[:] = reserve
         self.mj_data.qfrc_applied[:] = reserve
+
+    def external_load(self) -> NDArray[np.float64]:
+        """(nv,) N m or N, the external load at the plant's time."""
+        if self.external is None:
+            return np.zeros(self.model.nv)
+        load: NDArray[np.float64] = self.external(np.array([self.mj_data.time]))[0]
+        return load
 
     def advance(self, excitation: NDArray[np.float64], reserve: NDArray[np.float64], n_step: int) -> None:
         """Take n_step physics steps under constant excitation (n_muscle,) and reserve (nv,) N m."""
         self.set_input(excitation, reserve)
-        mujoco.mj_step(self.mj_model, self.mj_data, nstep=n_step)
+        if self.external is None:
+            mujoco.mj_step(self.mj_model, self.mj_data, nstep=n_step)
+            return
+        for load in self.external(self.mj_data.time + self.physics_dt * (np.arange(n_step) + 0.5)):
+            self.mj_data.qfrc_applied[:] = self._reserve + load
+            mujoco.mj_step(self.mj_model, self.mj_data)
 
     def forward(self) -> NDArray[np.float64]:
         """Bring all derived quantities up to date with the state; returns qacc (nv,), a view."""
+        if self.external is not None:
+            self.mj_data.qfrc_applied[:] = self._reserve + self.external_load()
         # after an RK4 step the derived quantities belong to its fourth stage
         mujoco.mj_forward(self.mj_model, self.mj_data)
         qacc: NDArray[np.float64] = self.mj_data.qacc

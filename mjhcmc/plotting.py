@@ -16,8 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjhcmc.activity import Activity
 from mjhcmc.errors import SettingsError
+from mjhcmc.fiber_plot import detail_figure as detail_figure
 from mjhcmc.io.files import written_whole
+from mjhcmc.moment_plot import moment_figure as moment_figure
 from mjhcmc.panels import (
     AXIS,
     BLUE,
@@ -25,6 +28,7 @@ from mjhcmc.panels import (
     FLAGGED,
     GRAY,
     GREEN,
+    INK,
     ORANGE,
     PALETTE,
     SATURATED,
@@ -55,12 +59,15 @@ _STATUS_TITLE = {
     WindowStatus.UNMET: "moment unmet",
     WindowStatus.STIFF: "too stiff for the step",
 }
+_DASHES = ((0, (3.5, 1.6)), (0, (1.2, 1.2)), (0, (6.0, 1.5, 1.2, 1.5)))
 _PNG_DPI = 200
 _SATURATION = 0.999
 _FULL, _BAR = 1.05, 0.05  # top of the shaded part of an excitation panel; a status bar above it
 
 
-def excitation_figure(solution: Solution | Mapping[str, Solution]) -> Figure:
+def excitation_figure(
+    solution: Solution | Mapping[str, Solution], overlay: Mapping[str, Activity] | None = None
+) -> Figure:
     """Excitation and activation of every muscle, one panel each.
 
     Excitation is a step (constant over a window), activation a thin line of the same hue. With one solution, the
@@ -70,14 +77,22 @@ def excitation_figure(solution: Solution | Mapping[str, Solution]) -> Figure:
     Args:
         solution: one solution, or several by label, drawn over each other and told apart by color. A muscle that not
             all of them have is drawn for those that have it.
+        overlay: what others found, by label: its activation (or its excitation, where that is all there is) as a thin
+            dark dashed line in the panels of the muscles that it has.
 
     Raises:
-        SettingsError: no solution, or no muscle, is given.
+        SettingsError: no solution, or no muscle, is given, or an overlay has none of the muscles.
     """
     solutions = by_label(solution)
     muscles = tuple(dict.fromkeys(name for s in solutions.values() for name in s.muscle_names))
     if not muscles:
         raise SettingsError("excitation_figure: nothing to draw: give at least one solution with a muscle")
+    overlay = overlay or {}
+    for label, other in overlay.items():
+        if not set(other.muscle_names) & set(muscles):
+            raise SettingsError(
+                f"excitation_figure: overlay {label!r} has none of the muscles {', '.join(muscles)}: use their names"
+            )
     colors = colors_of(solutions)
     n_column = columns_for(len(muscles))
     with style():
@@ -85,7 +100,7 @@ def excitation_figure(solution: Solution | Mapping[str, Solution]) -> Figure:
             math.ceil(len(muscles) / n_column), n_column,
             panel=(2.2 if n_column < 6 else 1.65, 1.12), gap=(0.32, 0.36),
             title=f"Muscle excitation · {headline(list(solutions.values()))}",
-            entries=_excitation_legend(solutions, colors),
+            entries=[*_excitation_legend(solutions, colors), *_overlay_legend(overlay)],
         )  # fmt: skip
         first = min(s.time[0] for s in solutions.values())
         last = max(s.time[-1] for s in solutions.values())
@@ -96,6 +111,12 @@ def excitation_figure(solution: Solution | Mapping[str, Solution]) -> Figure:
             for rank, (label, one) in enumerate(solutions.items()):
                 if name in one.muscle_names:
                     _draw_muscle(ax, one, one.muscle_names.index(name), colors[label], rank, len(solutions) == 1)
+            for rank, (label, other) in enumerate(overlay.items()):
+                if name in other.muscle_names:
+                    values = other.excitation if other.activation is None else other.activation
+                    assert values is not None  # Activity has one of them
+                    column = values[:, other.muscle_names.index(name)]
+                    ax.plot(other.time, column, label=label, zorder=8.0 + rank, **_overlay_style(rank))
             ax.set_xlim(first, last)
             ax.set_ylim(-0.02, top)
             ax.set_yticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
@@ -121,6 +142,21 @@ def _draw_muscle(ax: Axes, solution: Solution, j: int, color: str, rank: int, al
     ax.stairs(excitation, time, baseline=None, color=color, lw=1.1, alpha=0.8, zorder=2.0 + rank, label="excitation")
     hue, width = ((*darker(color), 1.0), 0.8) if alone else (to_rgba(color, 0.6), 0.7)
     ax.plot(time, activation, color=hue, lw=width, zorder=2.5 + rank, label="activation")
+
+
+def _overlay_style(rank: int) -> dict[str, Any]:
+    return {"color": INK, "lw": 0.8, "ls": _DASHES[rank % len(_DASHES)]}
+
+
+def _overlay_legend(overlay: Mapping[str, Activity]) -> list[Artist]:
+    from matplotlib.lines import Line2D
+
+    return [
+        Line2D(
+            [], [], label=f"{label} ({'excitation' if other.activation is None else 'activation'})", **_overlay_style(i)
+        )
+        for i, (label, other) in enumerate(overlay.items())
+    ]
 
 
 def _excitation_legend(solutions: Mapping[str, Solution], colors: Mapping[str, str]) -> list[Artist]:

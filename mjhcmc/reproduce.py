@@ -1,35 +1,30 @@
-"""The paper's experiment: three cosine cycles of the leg, solved, timed and put beside the paper's Table 2.
-
-"Integrator for Musculoskeletal Simulation in Python" (2024), doi 10.17979/ja-cea.2024.45.10802.
-"""
+"""The paper's experiment: three cosine cycles of the leg, by every method, timed and put beside the paper's Table 2."""
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from statistics import median
 from typing import Any
 
-from mjhcmc.errors import MjhcmcWarning
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc import paper
+from mjhcmc.errors import MjhcmcWarning, SettingsError
 from mjhcmc.methods import METHODS, find_method
-from mjhcmc.methods.windows import Progress
+from mjhcmc.methods.run import Progress
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
+from mjhcmc.opensim_reference import OpenSimRun, find_reference, read_reference
+from mjhcmc.paper import PAPER
 from mjhcmc.plant import MujocoPlant, State
 from mjhcmc.solution import Solution
 from mjhcmc.summary import columns, numbers, verdict_lines
-
-PAPER_MAX_ERROR_DEG = {"hip": 0.0537, "knee": 0.0880, "ankle": 0.2305}
-"""The paper's Table 2, HCMC: the largest tracking error, degrees; its movement is `fast` at dt .01."""
-
-PAPER_RMSE_DEG = {"hip": 0.0104, "knee": 0.01503, "ankle": 0.0375}
-"""The paper's Table 2, HCMC: RMSE, degrees."""
-
-PAPER_SOLVE_TIME_S = 4.85
-"""The paper's time for HCMC in Python."""
 
 _TIMED_CALLS = 5
 
@@ -43,12 +38,14 @@ class Reproduction:
         solutions: by method.
         solve_time: s by method, wall median of five calls after a first.
         bare_step_time: s, MuJoCo alone over the same physics steps, in the same process.
+        opensim: OpenSim's own CMC of the movement, where its results were found.
     """
 
     movement: str
     solutions: dict[str, Solution]
     solve_time: dict[str, float]
     bare_step_time: float
+    opensim: OpenSimRun | None = None
 
     def numbers(self) -> dict[str, Any]:
         """Plain values, as `mjhcmc reproduce --json` prints them."""
@@ -67,56 +64,89 @@ class Reproduction:
     def screen(self) -> str:
         """The comparison as text."""
         values = self.numbers()
-        is_paper = self.movement == "fast" and abs(values["dt"] - 0.01) < 1e-12
-        lines = [
-            f"{self.movement} cosine movement on leg8, dt {1e3 * values['dt']:g} ms, physics step "
-            f"{1e3 * values['physics_dt']:g} ms; errors of the muscle-driven leg in degrees",
-            "",
-        ]
-        joints = list(PAPER_MAX_ERROR_DEG)
-        rows = [["", *[f"{joint} max" for joint in joints], *[f"{joint} RMSE" for joint in joints], "time s"]]
-        rows.append(
+        return "\n".join(
             [
-                "paper HCMC (fast, dt 10 ms)",
-                *[f"{PAPER_MAX_ERROR_DEG[joint]:g}" for joint in joints],
-                *[f"{PAPER_RMSE_DEG[joint]:g}" for joint in joints],
-                f"{PAPER_SOLVE_TIME_S:g}",
+                f"{self.movement} cosine movement on leg8, dt {1e3 * values['dt']:g} ms, physics step "
+                f"{1e3 * values['physics_dt']:g} ms; errors of the muscle-driven leg in degrees",
+                "",
+                *self._errors(values["methods"]),
+                "",
+                *self._mean_squares(values["methods"]),
+                *[line for name, result in values["methods"].items() for line in self._details(name, result)],
             ]
         )
-        for name, result in values["methods"].items():
-            largest, root = result["max_error_deg"], result["rmse_deg"]
-            rows.append(
-                [
-                    f"mjhcmc {name}",
-                    *[f"{largest[joint]:.3g}" for joint in joints],
-                    *[f"{root[joint]:.3g}" for joint in joints],
-                    f"{result['solve_time_s']:.3g}",
-                ]
-            )
-            if is_paper:
-                rows.append(
-                    [
-                        f"paper / {name}",
-                        *[f"{PAPER_MAX_ERROR_DEG[joint] / largest[joint]:.3g} x" for joint in joints],
-                        *[f"{PAPER_RMSE_DEG[joint] / root[joint]:.3g} x" for joint in joints],
-                        f"{PAPER_SOLVE_TIME_S / result['solve_time_s']:.3g} x",
-                    ]
-                )
-        lines += columns(rows)
-        for name, result in values["methods"].items():
-            peaks = ", ".join(f"{muscle} {peak:.2f}" for muscle, peak in result["peak_excitation"].items())
-            replay = ", ".join(f"{joint} {error:.2g}" for joint, error in result["replay_max_error_deg"].items())
-            reserve = ", ".join(f"{joint} {moment:.2g}" for joint, moment in result["peak_reserve_nm"].items())
-            lines += [
-                "",
-                f"{name}: peak excitation  {peaks}",
-                f"{name}: peak reserve     {reserve} N m",
-                f"{name}: replay error     {replay} deg (open loop, 0.1 ms)",
-                f"{name}: solve time       {result['solve_time_s'] / self.bare_step_time:.3g} x bare stepping "
-                f"({1e3 * self.bare_step_time:.3g} ms)",
-                *verdict_lines(result["verdict"]),
-            ]
-        return "\n".join(lines)
+
+    @property
+    def _is_the_papers(self) -> bool:
+        dt = next(iter(self.solutions.values())).settings["dt"]
+        return self.movement == paper.MOVEMENT and abs(dt - paper.DT) < 1e-12
+
+    def _errors(self, methods: dict[str, Any]) -> list[str]:
+        """The paper's Table 2, ours under it, and how many times smaller ours are."""
+        joints = paper.JOINTS
+        rows = [["", *[f"{joint} max" for joint in joints], *[f"{joint} RMSE" for joint in joints], "time s"]]
+        for name, reported in PAPER.items():
+            figures = (*reported.max_error_deg, *reported.rmse_deg, reported.solve_time_s)
+            rows.append([f"paper {name} ({paper.MOVEMENT}, 10 ms)", *[f"{value:g}" for value in figures]])
+        if self.opensim is not None:
+            largest = np.rad2deg(np.abs(self.opensim_error()).max(axis=0))
+            root = np.rad2deg(np.sqrt((self.opensim_error() ** 2).mean(axis=0)))
+            rows.append(["OpenSim 4.6 cmc, elastic tendons", *[f"{value:.3g}" for value in (*largest, *root)], "-"])
+        for name, result in methods.items():
+            rows.append([f"mjhcmc {name}", *[f"{value:.3g}" for value in _figures(result)]])
+        if self._is_the_papers:
+            for name, reported in PAPER.items():
+                figures = (*reported.max_error_deg, *reported.rmse_deg, reported.solve_time_s)
+                ratios = [f"{p / own:.3g} x" for p, own in zip(figures, _figures(methods[name]), strict=True)]
+                rows.append([f"paper {name} / mjhcmc {name}", *ratios])
+        return columns(rows)
+
+    def _mean_squares(self, methods: dict[str, Any]) -> list[str]:
+        """What the paper's formula for e_RMSE says, and what it calls an error: a ratio of two methods'."""
+        header = [f"{joint} MSE" for joint in paper.JOINTS] + [f"{joint} ratio" for joint in paper.JOINTS]
+        largest = {name: [result["max_error_deg"][joint] for joint in paper.JOINTS] for name, result in methods.items()}
+        reported = {name: list(result.max_error_deg) for name, result in PAPER.items()}
+
+        def ratio(errors: dict[str, list[float]]) -> list[str]:
+            return [f"{100 * a / b:.3g} %" for a, b in zip(errors["hcmc"], errors["cmc"], strict=True)]
+
+        rows = [["", *header]]
+        for name, result in PAPER.items():
+            square = [f"{value**2:.3g}" for value in result.rmse_deg]
+            rows.append([f"paper {name}", *square, *(ratio(reported) if name == "hcmc" else [""] * 3)])
+        for name, values in methods.items():
+            square = [f"{values['mse_deg2'][joint]:.3g}" for joint in paper.JOINTS]
+            rows.append([f"mjhcmc {name}", *square, *(ratio(largest) if name == "hcmc" else [""] * 3)])
+        return [
+            "mean square (deg^2, the paper's formula without a root); ratio of the largest errors, hcmc to cmc",
+            *columns(rows),
+        ]
+
+    def _details(self, name: str, result: dict[str, Any]) -> list[str]:
+        def by_name(values: dict[str, float], form: str) -> str:
+            return ", ".join(f"{key} {value:{form}}" for key, value in values.items())
+
+        return [
+            "",
+            f"{name}: peak excitation  {by_name(result['peak_excitation'], '.2f')}",
+            f"{name}: peak reserve     {by_name(result['peak_reserve_nm'], '.2g')} N m",
+            f"{name}: replay error     {by_name(result['replay_max_error_deg'], '.2g')} deg (open loop, 0.1 ms)",
+            f"{name}: solve time       {result['solve_time_s'] / self.bare_step_time:.3g} x bare stepping "
+            f"({1e3 * self.bare_step_time:.3g} ms)",
+            *verdict_lines(result["verdict"]),
+        ]
+
+    def opensim_error(self) -> NDArray[np.float64]:
+        """(n, 3) rad: the tracking error of OpenSim's own CMC at its own times, actual minus desired.
+
+        Raises:
+            SettingsError: there is none to compare with.
+        """
+        if self.opensim is None or self.opensim.qpos is None:
+            raise SettingsError("no results of OpenSim's CMC were found to compare with")
+        motion = Motion.cosine(MuscleModel.load("leg8"), self.movement)
+        inside = self.opensim.time <= motion.end + 1e-9
+        return self.opensim.qpos[inside] - motion.sample(self.opensim.time[inside]).qpos
 
     @property
     def passed(self) -> bool:
@@ -142,13 +172,33 @@ def reproduce(
     model = MuscleModel.load("leg8")
     motion = Motion.cosine(model, movement)
     solutions, times = {}, {}
+    told: set[str] = set()
     for name in METHODS:
         method = find_method(name)
-        solutions[name] = method(model, motion, dt=dt, physics_dt=physics_dt, progress=progress)  # the warm-up
+        with _each_notice_once(told):  # the warm-up
+            solutions[name] = method(model, motion, dt=dt, physics_dt=physics_dt, progress=progress)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", MjhcmcWarning)  # the warm-up gave each notice once
+            warnings.simplefilter("ignore", MjhcmcWarning)
             times[name] = _median_time(partial(method, model, motion, dt=dt, physics_dt=physics_dt))
-    return Reproduction(movement, solutions, times, bare_step_time(solutions["hcmc"]))
+    opensim = None if find_reference() is None else read_reference(model, movement)
+    return Reproduction(movement, solutions, times, bare_step_time(solutions["hcmc"]), opensim)
+
+
+@contextmanager
+def _each_notice_once(told: set[str]) -> Iterator[None]:
+    """Give each notice when the block ends, but not those told before: all methods say some of them."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MjhcmcWarning)
+        yield
+    for notice in caught:
+        if str(notice.message) not in told:
+            told.add(str(notice.message))
+            warnings.warn(notice.message, stacklevel=4)
+
+
+def _figures(result: dict[str, Any]) -> list[float]:
+    by_joint = [result[key][joint] for key in ("max_error_deg", "rmse_deg") for joint in paper.JOINTS]
+    return [*by_joint, result["solve_time_s"]]
 
 
 def bare_step_time(solution: Solution) -> float:

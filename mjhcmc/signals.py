@@ -3,7 +3,15 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from mjhcmc.errors import SettingsError
+
 Array = NDArray[np.float64]
+
+
+def check_cutoff(hz: float) -> None:
+    """Raise SettingsError unless hz is a positive number."""
+    if not 0 < hz < np.inf:
+        raise SettingsError(f"low-pass cutoff {hz} Hz: choose one above 0, such as 6")
 
 
 def zero_phase_lowpass(values: Array, cutoff: float, step: float) -> Array:

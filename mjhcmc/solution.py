@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.errors import OutputError
-from mjhcmc.plant import RK4_LIMIT
+from mjhcmc.plant import RK4_LIMIT, External
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from mjhcmc.detail import Detail
     from mjhcmc.model import MuscleModel
     from mjhcmc.verify import Verdict
 
@@ -44,7 +45,7 @@ class WindowStatus(IntEnum):
 _MESSAGES = {
     WindowStatus.OK: "the muscles gave the moments that were asked for",
     WindowStatus.RESERVE: "a reserve helped: the muscles cannot give the moment in time; see the verdict for which",
-    WindowStatus.UNMET: "reserves are off and the muscles cannot give the moment in time: expect a tracking error",
+    WindowStatus.UNMET: "the muscles cannot give the moment in time and no reserve helps: expect a tracking error",
     WindowStatus.STIFF: "the active muscles are too stiff for the physics step: solve again with a smaller physics_dt",
 }
 
@@ -98,14 +99,17 @@ class Solution:
         reserve: (N, nv) N m or N, constant over a window and applied to the plant.
         shortfall: (N, nv) N m or N: what the muscles could not give at the window's end. The reserve where reserves
             are on; where they are off, the part that nothing gave.
+        external_load: (N+1, nv) N m or N, generalized forces from outside at the nodes.
         status: (N,) `WindowStatus`, as integers.
         muscle_names: (n_muscle,).
         dof_names: (nv,).
         dof_is_rotation: (nv,) True where rad, False where m.
         settings: how it was made: method, model, motion, dt, physics_dt and the method's own settings.
         interrupted: True where the solve was stopped before the motion's end.
-        model: the model that was driven; None where the solution was read from a file.
+        model: the model that was driven; None where the solution was read from a file without it.
         stored_verdict: the verdict that a file held, if any.
+        external: the external load as a function of time; None where there was none or the solution was read from a
+            file.
     """
 
     time: NDArray[np.float64]
@@ -119,6 +123,7 @@ class Solution:
     muscle_force: NDArray[np.float64]
     reserve: NDArray[np.float64]
     shortfall: NDArray[np.float64]
+    external_load: NDArray[np.float64]
     status: NDArray[np.int64]
     muscle_names: tuple[str, ...]
     dof_names: tuple[str, ...]
@@ -127,6 +132,7 @@ class Solution:
     interrupted: bool = False
     model: MuscleModel | None = field(default=None, repr=False, compare=False)
     stored_verdict: Verdict | None = field(default=None, repr=False, compare=False)
+    external: External | None = field(default=None, repr=False, compare=False)
 
     @property
     def n_window(self) -> int:
@@ -164,6 +170,17 @@ class Solution:
 
         return judge(self)
 
+    @cached_property
+    def detail(self) -> Detail:
+        """Fibers, muscle power, each muscle's share of the moments, joint reactions; computed on first access.
+
+        Raises:
+            SimulationError: the solution does not know its model (it was read from a file without it).
+        """
+        from mjhcmc.detail import detail_of
+
+        return detail_of(self)
+
     def save(self, path: str | Path) -> Path:
         """Write the solution, by suffix: .parquet, .csv, .sto, or .nc (extra ``netcdf``).
 
@@ -177,27 +194,40 @@ class Solution:
         return save_solution(self, Path(path))
 
     @classmethod
-    def load(cls, path: str | Path) -> Solution:
+    def load(cls, path: str | Path, model: MuscleModel | str | Path | None = None) -> Solution:
         """Read a solution that `save` wrote.
 
-        A .csv holds no settings and no verdict: its verdict is judged from the table, without replay, and every joint
-        is taken for a hinge.
+        A .csv holds no settings and no verdict: its verdict is judged from the table, without replay unless there is a
+        model, and without one every joint is taken for a hinge.
+
+        Args:
+            path: the file.
+            model: the model that was driven, or what `MuscleModel.load` takes; needed for `detail` and a replay only.
 
         Raises:
-            OutputError: the file cannot be read, or is no solution.
+            OutputError: the file cannot be read, is no solution, or its muscles or joints are not the model's.
+            ModelError: the model cannot be loaded.
         """
         from mjhcmc.io.tables import load_solution
 
-        return load_solution(Path(path))
+        return load_solution(Path(path), model)
 
-    def to_dataframe(self) -> pd.DataFrame:
+    def to_dataframe(self, detail: bool = False) -> pd.DataFrame:
         """One row a node: time, then q/, q_desired/, qvel/, excitation/, activation/, force/, moment/ ..., status.
 
         SI units and radians; columns of a window (excitation, reserve, shortfall, status) are empty in the last row.
+
+        Args:
+            detail: add `detail`: fiber_length/<muscle> (m), fiber_velocity/<muscle> (m/s), power/<muscle> (W),
+                contribution/<dof>/<muscle> (N m or N), reaction_force/<joint>/<x, y or z> (N) and
+                reaction_moment/<joint>/<x, y or z> (N m).
+
+        Raises:
+            SimulationError: detail is asked for, but the solution does not know its model.
         """
         from mjhcmc.io.tables import to_dataframe
 
-        return to_dataframe(self)
+        return to_dataframe(self, detail)
 
     def to_xarray(self) -> xr.Dataset:
         """The same as a Dataset with dimensions node, window, muscle, dof (extra ``netcdf``)."""
@@ -222,6 +252,7 @@ class Solution:
             "muscle_force": (n + 1, m),
             "reserve": (n, v),
             "shortfall": (n, v),
+            "external_load": (n + 1, v),
             "status": (n,),
         }
         for name, shape in shapes.items():

@@ -15,9 +15,9 @@ def numbers(solution: Solution) -> dict[str, Any]:
     """What the table shows, as plain values for JSON.
 
     Angles in degrees, moments in N m; at a slide the same keys hold m and N. By joint: ``max_error_deg``,
-    ``rmse_deg`` (root of the mean square over the N+1 nodes), ``peak_moment_nm``, ``peak_reserve_nm``,
-    ``replay_max_error_deg`` (None where the solution does not know its model); ``peak_excitation`` by muscle;
-    ``verdict`` with ``passed`` and ``findings``.
+    ``rmse_deg`` (root of the mean square over the N+1 nodes), ``mse_deg2`` (the mean square), ``peak_moment_nm``,
+    ``peak_reserve_nm``, ``replay_max_error_deg`` (None where the solution does not know its model);
+    ``peak_excitation`` by muscle; ``verdict`` with ``passed`` and ``findings``.
     """
     verdict, scale = solution.verdict, _scale(solution)
     joints = solution.dof_names
@@ -30,6 +30,7 @@ def numbers(solution: Solution) -> dict[str, Any]:
     return {
         "max_error_deg": by_joint(np.array(verdict.tracking_max) * scale),
         "rmse_deg": by_joint(np.array(verdict.tracking_rms) * scale),
+        "mse_deg2": by_joint((np.array(verdict.tracking_rms) * scale) ** 2),
         "peak_excitation": dict(zip(solution.muscle_names, solution.excitation.max(axis=0).tolist(), strict=True)),
         "peak_moment_nm": by_joint(solution.peak_moment),
         "peak_reserve_nm": by_joint(verdict.peak_reserve),

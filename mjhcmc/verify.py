@@ -42,8 +42,9 @@ class Verdict:
         tracking_rms: (nv,) rad or m, over the nodes.
         tracking_max: (nv,) rad or m.
         replay_max_error: (nv,) rad or m, open loop from the first node against the recorded motion; None where the
-            solution does not know its model. Informs, never decides.
-        replay_window_max_error: (nv,) rad or m, each window from its recorded node; None likewise.
+            solution does not know its model, or where loads act from outside. Informs, never decides.
+        replay_window_max_error: (nv,) rad or m, each window from its recorded node; None where the solution does not
+            know its model or its loads.
         findings: one line each: joint, how much, when, which muscles.
     """
 
@@ -77,8 +78,9 @@ def judge(solution: Solution) -> Verdict:
     rms = np.sqrt((error**2).mean(axis=0))
     limit = np.where(solution.dof_is_rotation, MAX_TRACKING_RMS, MAX_TRACKING_RMS_SLIDE)
     open_loop = window = None
-    if solution.model is not None:
-        open_loop = _floats(np.abs(replay(solution) - solution.qpos).max(axis=0))
+    if solution.model is not None and (solution.external is not None or not solution.external_load.any()):
+        if solution.external is None:  # under a load from outside open loop is unstable: nothing brings it back
+            open_loop = _floats(np.abs(replay(solution) - solution.qpos).max(axis=0))
         window = _floats(np.abs(replay_windows(solution) - solution.qpos).max(axis=0))
     return Verdict(
         passed=bool((share <= MAX_RESERVE_SHARE).all() and (rms <= limit).all() and not solution.interrupted),
@@ -105,18 +107,19 @@ def _findings(
         found.append(f"interrupted at {solution.time[-1]:.3f} s: the rest of the motion was not solved")
     for j, name in enumerate(solution.dof_names):
         unit = "N m" if solution.dof_is_rotation[j] else "N"
-        k = int(np.argmax(np.abs(solution.shortfall[:, j])))
-        lacking = float(solution.shortfall[k, j])
-        part = abs(lacking) / moment_scale(solution.net_joint_moment)[j]
-        if part > RESERVE_SHARE:
-            given, against = "unmet moment", ""
-            if solution.reserve.any():
-                verb = "exceeds" if share[j] > MAX_RESERVE_SHARE else "is within"
-                given, against = "reserve", f" ({verb} {100 * MAX_RESERVE_SHARE:g} %)"
-            found.append(
-                f"{name}: {given} of {lacking:.3g} {unit} at {solution.time[k]:.3f} s, {100 * part:.3g} % of the peak "
-                f"moment{against}; {_saturated(solution, k)}"
-            )
+        verb = "exceeds" if share[j] > MAX_RESERVE_SHARE else "is within"
+        unmet = solution.shortfall[:, j] - solution.reserve[:, j]
+        for what, values, against in (
+            ("reserve", solution.reserve[:, j], f" ({verb} {100 * MAX_RESERVE_SHARE:g} %)"),
+            ("unmet moment", unmet, ""),
+        ):
+            k = int(np.argmax(np.abs(values)))
+            part = abs(float(values[k])) / moment_scale(solution.net_joint_moment)[j]
+            if part > RESERVE_SHARE:
+                found.append(
+                    f"{name}: {what} of {values[k]:.3g} {unit} at {solution.time[k]:.3f} s, {100 * part:.3g} % of the "
+                    f"peak moment{against}; {_saturated(solution, k)}"
+                )
     for j, name in enumerate(solution.dof_names):
         if rms[j] > limit[j]:
             k = int(np.argmax(np.abs(solution.tracking_error[:, j])))
@@ -160,7 +163,8 @@ def replay(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.floa
     per_chunk = max(1, _CHUNK // engine.n_step)
     for first in range(0, solution.n_window, per_chunk):
         chunk = np.arange(first, min(first + per_chunk, solution.n_window))
-        inputs = np.repeat(engine.inputs(chunk), engine.n_step, axis=0)
+        inputs = engine.inputs(chunk)
+        inputs = inputs.reshape(-1, inputs.shape[-1])
         states = engine.roll(rows[-1][None], inputs[None], resume=first > 0)[0]
         rows.extend(states[engine.n_step - 1 :: engine.n_step])
     return engine.positions(np.array(rows))
@@ -178,8 +182,7 @@ def replay_windows(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray
     for first in range(0, solution.n_window, per_chunk):
         chunk = np.arange(first, min(first + per_chunk, solution.n_window))
         starts = np.array([engine.state(int(k)) for k in chunk])
-        inputs = np.repeat(engine.inputs(chunk)[:, None], engine.n_step, axis=1)
-        rows.append(engine.roll(starts, inputs)[:, -1])
+        rows.append(engine.roll(starts, engine.inputs(chunk))[:, -1])
     return engine.positions(np.concatenate(rows))
 
 
@@ -189,7 +192,8 @@ class _Engine:
     def __init__(self, solution: Solution, physics_dt: float) -> None:
         if solution.model is None:
             raise SimulationError(
-                "this solution was read from a file and does not know its model: solve again to replay"
+                "this solution was read from a file and does not know its model: read it with Solution.load(path, "
+                "model=...), or solve again to replay"
             )
         self.solution, self.model = solution, solution.model
         self.n_step = physics_steps(solution.dt, physics_dt)
@@ -208,14 +212,19 @@ class _Engine:
         return self._get(self.full)
 
     def inputs(self, windows: NDArray[np.intp]) -> NDArray[np.float64]:
-        """(n, n_input) excitation and reserve of windows, as the engine wants them."""
+        """(n, n_step, n_input) excitation, reserve and external load of windows, as the engine wants them."""
         d, s = self.mj_data, self.solution
         rows = []
         for k in windows:
             d.ctrl[self.model.ctrl_index] = s.excitation[k]
             d.qfrc_applied[:] = s.reserve[k]
             rows.append(self._get(self.input))
-        return np.array(rows)
+        inputs = np.repeat(np.array(rows)[:, None], self.n_step, axis=1)
+        if s.external is not None:
+            middles = s.time[windows][:, None] + self.mj_model.opt.timestep * (np.arange(self.n_step) + 0.5)
+            # controls come before applied forces
+            inputs[..., -self.model.nv :] += s.external(middles.ravel()).reshape(*middles.shape, -1)
+        return inputs
 
     def _get(self, signature: int) -> NDArray[np.float64]:
         out = np.empty(mujoco.mj_stateSize(self.mj_model, signature))

@@ -11,7 +11,7 @@ from mjhcmc.io.opensim import write_table
 
 MUSCLES = ("iliopsoas", "glut_max", "rect_fem", "hamstrings", "vasti", "gastroc", "soleus", "tib_ant")
 JOINTS = ("hip", "knee", "ankle")
-FIGURES = ("excitations.png", "excitations.pdf", "tracking.png", "tracking.pdf")
+FIGURES = tuple(f"{name}.{kind}" for name in ("excitations", "tracking", "moments") for kind in ("png", "pdf"))
 COLUMNS = ("pelvis_tx", "knee", "hip", "ankle")  # not the model's order, and one too many
 FIRST_ROW = 8  # line of the first row of a table that write_table wrote
 LONG = "x" * 300
@@ -48,8 +48,8 @@ def run(capfd):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Leave the figures out where a test is not about them: they take a second."""
-    for name in ("excitation_figure", "tracking_figure"):
-        monkeypatch.setattr(f"mjhcmc.plotting.{name}", lambda solution: None)
+    for name in ("excitation_figure", "tracking_figure", "moment_figure"):
+        monkeypatch.setattr(f"mjhcmc.plotting.{name}", lambda solution, overlay=None: None)
     monkeypatch.setattr("mjhcmc.plotting.save_figure", lambda figure, stem: [])
 
 

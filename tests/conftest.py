@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 from cli_tools import mot, no_figures, run
+from motion_tools import write
 
 import mjhcmc
 
-__all__ = ["mot", "no_figures", "run"]  # fixtures of the command line
+__all__ = ["mot", "no_figures", "run", "write"]  # fixtures of the command line and of motion files
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 

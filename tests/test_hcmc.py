@@ -8,7 +8,7 @@ import pytest
 from conftest import load_xml
 
 import mjhcmc
-from mjhcmc.methods import hcmc as hcmc_module
+from mjhcmc import sharing
 from mjhcmc.solution import WindowStatus
 
 GRAVITY, MASS, STRENGTH = 9.81, 2.0, 100.0
@@ -194,8 +194,8 @@ def test_every_allocation_is_optimal(leg8, movement, monkeypatch):
         solved.append(problem.optimality_residual(found))
         return found
 
-    real = hcmc_module.allocate
-    monkeypatch.setattr(hcmc_module, "allocate", watched)
+    real = sharing.allocate
+    monkeypatch.setattr(sharing, "allocate", watched)
     solution = mjhcmc.hcmc(leg8, mjhcmc.Motion.cosine(leg8, movement))
     assert len(solved) > 2 * solution.n_window  # at least one for each of two trials
     assert max(solved) < 1e-9

@@ -41,6 +41,7 @@ def make(muscles=LEG, dofs=("hip", "knee", "ankle"), n=30, seed=0, slides=(), **
         muscle_force=np.zeros((n + 1, len(muscles))),
         reserve=np.zeros((n, len(dofs))),
         shortfall=np.zeros((n, len(dofs))),
+        external_load=np.zeros((n + 1, len(dofs))),
         status=np.zeros(n, dtype=np.int64),
         muscle_names=tuple(muscles),
         dof_names=tuple(dofs),

@@ -5,51 +5,28 @@ inDegrees, up to a line ``endheader``), a line of column names, and rows of numb
 """
 
 import os
-import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from mjhcmc.errors import MjhcmcWarning, MotionError, OutputError
+from mjhcmc.errors import MotionError, OutputError
 from mjhcmc.io.files import written_whole
+from mjhcmc.io.motion_table import MotionTable, check_counts, check_labels, parse_in_degrees, parse_rows
+from mjhcmc.io.text import is_number, read_lines
 
 SUFFIXES = (".mot", ".sto")
 
-
-@dataclass(frozen=True, eq=False)
-class OpenSimTable:
-    """The content of one .mot or .sto file, in the file's own units.
-
-    Attributes:
-        path: the file read.
-        name: the table's name (the first line), empty where the file has none.
-        in_degrees: what the header says of its angles, None where it says nothing.
-        header: the header's keys and values as written.
-        columns: names of all columns but time, in the file's order.
-        time: (T,) s, as written: not checked for NaN or order.
-        values: (T, n_columns), as written: not checked for NaN.
-        line_numbers: (T,) the line of the file each row stands on, from 1, for messages.
-    """
-
-    path: Path
-    name: str
-    in_degrees: bool | None
-    header: dict[str, str]
-    columns: tuple[str, ...]
-    time: NDArray[np.float64] = field(repr=False)
-    values: NDArray[np.float64] = field(repr=False)
-    line_numbers: NDArray[np.int64] = field(repr=False)
+_PATH = "/jointset/"  # how the first state of an OpenSim model begins
 
 
-def read_table(path: str | os.PathLike[str]) -> OpenSimTable:
+def read_table(path: str | os.PathLike[str]) -> MotionTable:
     """Read an OpenSim table: version 1 and later, and the older SIMM headers (datarows, datacolumns).
 
     The time column may stand anywhere. Byte order marks, Windows line ends, blank lines, files without nRows,
-    and the headers that OpenSim's CMC overwrites at its end (a second ``endheader``, nRows=0) are survived.
+    and the headers that OpenSim's CMC overwrites at its end (nRows=0, then a second ``endheader`` or what is left of
+    the column names) are survived.
 
     Args:
         path: a .mot or .sto file (the suffix is not looked at).
@@ -62,32 +39,32 @@ def read_table(path: str | os.PathLike[str]) -> OpenSimTable:
             too many or too few values or something that is no number, or rows are missing.
     """
     path = Path(path)
-    lines = _read_lines(path)
+    lines = read_lines(path, "an OpenSim table")
     end, labels_at = _find_column_line(path, lines)
     name, header = _parse_header(lines[:end])
-    labels = _split_labels(lines[labels_at])
-    _check_labels(path, labels_at + 1, labels)
+    labels_at, labels = _uncovered_labels(lines, labels_at)
+    check_labels(path, labels_at + 1, labels)
 
     numbered = [(i, line) for i, line in enumerate(lines[labels_at + 1 :], labels_at + 2) if line.strip()]
     rows = [line.split() for _, line in numbered]
     line_numbers = np.array([i for i, _ in numbered], dtype=np.int64)
-    _check_counts(path, header, labels, rows, line_numbers)
-    table = _parse_rows(path, labels, rows, line_numbers)
+    check_counts(path, header, labels, rows, line_numbers)
+    table = parse_rows(path, labels, rows, line_numbers)
 
     time_at = [label.lower() for label in labels].index("time")
     time = np.ascontiguousarray(table[:, time_at])
     values = np.delete(table, time_at, axis=1)
-    for array in (time, values, line_numbers):
-        array.setflags(write=False)
-    return OpenSimTable(
+    columns = tuple(label for i, label in enumerate(labels) if i != time_at)
+    return MotionTable(
         path=path,
         name=name,
-        in_degrees=_parse_in_degrees(path, header),
+        in_degrees=parse_in_degrees(path, header),
         header=header,
-        columns=tuple(label for i, label in enumerate(labels) if i != time_at),
+        columns=columns,
         time=time,
         values=values,
         line_numbers=line_numbers,
+        units=(None,) * len(columns),
     )
 
 
@@ -103,6 +80,10 @@ def write_table(
 ) -> None:
     """Write a table that OpenSim reads; every number comes back bit for bit.
 
+    NaN is written, and OpenSim's TimeSeriesTable reads it. Its older reader (Storage, behind the controllers, the
+    tools and the plots) does not: it loses count within such a row; nor does it take names with blanks inside. What
+    is meant for those has neither.
+
     Args:
         path: the file; a file of that name is replaced, at once and only when all is written.
         columns: names of the columns without time.
@@ -116,6 +97,26 @@ def write_table(
         OutputError: the shapes or names do not fit, or the file cannot be written.
     """
     path = Path(path)
+    text = table_text(path, columns, time, values, name=name, in_degrees=in_degrees, extra=extra)
+    with written_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def table_text(
+    path: Path,
+    columns: Sequence[str],
+    time: ArrayLike,
+    values: ArrayLike,
+    *,
+    name: str,
+    in_degrees: bool,
+    extra: Mapping[str, str] | None = None,
+) -> str:
+    """What `write_table` writes, for those who write several files together; the path is for messages only.
+
+    Raises:
+        OutputError: the shapes or names do not fit.
+    """
     times = np.asarray(time, dtype=np.float64)
     table = np.asarray(values, dtype=np.float64)
     if times.ndim != 1 or table.shape != (times.size, len(columns)):
@@ -134,7 +135,7 @@ def write_table(
             raise OutputError(f"{path}: column {label!r} would be written twice: make the names differ")
     if "=" in name or any(c in name for c in "\r\n"):
         raise OutputError(f"{path}: table name {name!r} cannot be written: it has an equals sign or a line end")
-    text = "\n".join(
+    return "\n".join(
         [
             name,
             "version=1",
@@ -148,39 +149,32 @@ def write_table(
             "",
         ]
     )
-    with written_whole(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
-
-
-def _read_lines(path: Path) -> list[str]:
-    try:
-        raw = path.read_bytes()
-    except FileNotFoundError:
-        raise MotionError(f"{path}: no such file: check the path") from None
-    except IsADirectoryError:
-        raise MotionError(f"{path}: is a folder: name a file in it") from None
-    except OSError as error:
-        raise MotionError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
-    if not raw.strip():
-        raise MotionError(f"{path}: the file is empty: write it again")
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise MotionError(
-            f"{path}: not a text file (byte {error.start} is not UTF-8): give an OpenSim table saved as plain text"
-        ) from None
-    if "\0" in text:
-        raise MotionError(
-            f"{path}: not a text file (byte 0 at {text.index(chr(0))}): give an OpenSim table saved as plain text"
-        )
-    # Not str.splitlines, which also breaks at form feeds and others, so that line numbers would differ from
-    # an editor's.
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 def _split_labels(line: str) -> list[str]:
     labels = line.split("\t") if "\t" in line else line.split()
     return [label.strip() for label in labels if label.strip()]
+
+
+def _uncovered_labels(lines: list[str], at: int) -> tuple[int, list[str]]:
+    """Index of the line of column names, and the names, also where CMC wrote an empty table's header over them.
+
+    That header ends in a line ``time`` of its own, after which comes what it left of the true line: it may have lost
+    ``time`` and the beginning of its first name.
+    """
+    labels = _split_labels(lines[at])
+    after = [(i, line.split()) for i, line in enumerate(lines[at + 1 : at + 20], at + 1) if line.strip()]
+    words = [k for k, (_, row) in enumerate(after) if not all(map(is_number, row))]
+    if labels != ["time"] or not words or words[-1] + 1 == len(after):
+        return at, labels
+    before, row = after[words[-1]][0], after[words[-1] + 1][1]  # the last line of words, and the first of numbers
+    left = _split_labels(lines[before])
+    if len(row) - len(left) not in (0, 1):
+        return at, labels
+    if len(row) == len(left):
+        return (before, ["time", *left[1:]]) if "time".endswith(left[0]) else (at, labels)
+    lost = next((cut for cut in range(len(_PATH)) if left[0].startswith(_PATH[cut:])), 0)
+    return before, ["time", _PATH[:lost] + left[0], *left[1:]]
 
 
 def _find_column_line(path: Path, lines: list[str]) -> tuple[int, int]:
@@ -219,100 +213,3 @@ def _parse_header(lines: list[str]) -> tuple[str, dict[str, str]]:
     if "=" in name:
         return "", header
     return (name[5:].strip() if name.lower().startswith("name ") else name), header
-
-
-def _look_up(header: dict[str, str], *keys: str) -> tuple[str, str] | None:
-    """The first entry of the header with one of these keys (in small letters), whatever its case."""
-    return next(((key, value) for key, value in header.items() if key.lower() in keys), None)
-
-
-def _parse_in_degrees(path: Path, header: dict[str, str]) -> bool | None:
-    found = _look_up(header, "indegrees")
-    if found is None:
-        return None
-    value = found[1].lower()
-    if value not in ("yes", "no", "true", "false"):
-        raise MotionError(f"{path}: header line {found[0]}={found[1]}: write inDegrees=yes or inDegrees=no")
-    return value in ("yes", "true")
-
-
-def _check_labels(path: Path, line: int, labels: list[str]) -> None:
-    seen: dict[str, int] = {}
-    for i, label in enumerate(labels, 1):
-        key = "time" if label.lower() == "time" else label
-        if key in seen:
-            raise MotionError(
-                f"{path}, line {line}: column name {label!r} stands twice (columns {seen[key]} and {i}): "
-                "rename or remove one"
-            )
-        seen[key] = i
-
-
-def _check_counts(
-    path: Path, header: dict[str, str], labels: list[str], rows: list[list[str]], lines: NDArray[np.int64]
-) -> None:
-    """Rows of the right length, and as many rows and columns as the header says."""
-    if not rows:
-        raise MotionError(f"{path}: no rows after the column names: the file is cut off, write it again")
-    for i, row in enumerate(rows):
-        if len(row) != len(labels):
-            last = i == len(rows) - 1 and len(row) < len(labels)
-            remedy = "the file is cut off, write it again" if last else "correct the row or write the file again"
-            raise MotionError(
-                f"{path}, line {lines[i]}: {len(row)} value{'s' * (len(row) != 1)} where the column line "
-                f"names "
-                f"{len(labels)}: {remedy}"
-            )
-    for what, keys, found in (
-        ("rows", ("nrows", "datarows"), len(rows)),
-        ("columns", ("ncolumns", "datacolumns"), len(labels)),
-    ):
-        entry = _look_up(header, *keys)
-        if entry is None:
-            continue
-        if not entry[1].isdecimal():
-            raise MotionError(
-                f"{path}: header line {entry[0]}={entry[1]}: write the number of {what}, or delete the line"
-            )
-        said = int(entry[1])
-        if what == "rows" and found < said:
-            raise MotionError(
-                f"{path}: cut off: the header says {entry[0]}={said}, the file ends at line {lines[-1]} "
-                f"after {found} "
-                "rows: write it again"
-            )
-        if found != said:
-            warnings.warn(
-                f"{path}: the header says {entry[0]}={said}, the file has {found} {what}: all {found} are read",
-                MjhcmcWarning,
-                stacklevel=3,
-            )
-
-
-def _parse_rows(path: Path, labels: list[str], rows: list[list[str]], lines: NDArray[np.int64]) -> NDArray[np.float64]:
-    shape = len(rows), len(labels)
-    words = list(chain.from_iterable(rows))
-    try:
-        numbers = np.fromiter(map(_number, words), dtype=np.float64, count=len(words))
-    except ValueError:
-        at = next(i for i, word in enumerate(words) if not _is_number(word))
-        raise MotionError(
-            f"{path}, line {lines[at // shape[1]]}, column {labels[at % shape[1]]!r}: {words[at]!r} is not "
-            f"a number: "
-            "correct it or write the file again"
-        ) from None
-    return numbers.reshape(shape)
-
-
-def _number(word: str) -> float:
-    if "_" in word:  # Python takes 1_000 for a number; nobody else does
-        raise ValueError(word)
-    return float(word)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        _number(word)
-    except ValueError:
-        return False
-    return True

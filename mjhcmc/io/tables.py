@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,14 +13,20 @@ from numpy.typing import NDArray
 
 from mjhcmc.errors import MjhcmcError, OutputError
 from mjhcmc.io.files import written_whole
+from mjhcmc.log import get_logger
 from mjhcmc.solution import Solution
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from mjhcmc.model import MuscleModel
+
 SUFFIXES = (".parquet", ".csv", ".sto", ".nc")
 
+_log = get_logger(__name__)
+
+_EXTERNAL = "external"  # prefix of columns that are there only where a load acted from outside
 _META = "mjhcmc"  # key of the metadata in a file
 
 _STATUS_NOTE = {
@@ -43,12 +51,35 @@ _COLUMNS = {
 }
 
 
-def to_dataframe(solution: Solution) -> pd.DataFrame:
+def to_dataframe(solution: Solution, detail: bool = False) -> pd.DataFrame:
     """See `Solution.to_dataframe`."""
     import pandas as pd
 
-    data = _table(solution)
-    return pd.DataFrame({**data, "status": pd.array([*solution.status.tolist(), None], dtype="Int64")})
+    data: dict[str, Any] = _table(solution)
+    more = _detail_columns(solution) if detail else {}
+    data["status"] = pd.array([*solution.status.tolist(), None], dtype="Int64")
+    return pd.DataFrame({**data, **more})
+
+
+def _detail_columns(solution: Solution) -> dict[str, NDArray[np.float64]]:
+    """The columns that ``detail=True`` adds."""
+    found, muscles, dofs = solution.detail, solution.muscle_names, solution.dof_names
+    data = {}
+    for prefix, values in (
+        ("fiber_length", found.fiber_length),
+        ("fiber_velocity", found.fiber_velocity),
+        ("power", found.muscle_power),
+    ):
+        data.update({f"{prefix}/{name}": values[:, i] for i, name in enumerate(muscles)})
+    for j, dof in enumerate(dofs):
+        data.update({f"contribution/{dof}/{name}": found.muscle_moment[:, i, j] for i, name in enumerate(muscles)})
+    for prefix, values in (
+        ("reaction_force", found.joint_reaction_force),
+        ("reaction_moment", found.joint_reaction_moment),
+    ):
+        for j, joint in enumerate(dofs):  # hinges and slides: a joint has its degree of freedom's name
+            data.update({f"{prefix}/{joint}/{axis}": values[:, j, i] for i, axis in enumerate("xyz")})
+    return data
 
 
 def _table(solution: Solution) -> dict[str, NDArray[np.float64]]:
@@ -60,6 +91,8 @@ def _table(solution: Solution) -> dict[str, NDArray[np.float64]]:
             values = np.vstack([values, np.full((1, values.shape[1]), np.nan)])
         names = solution.muscle_names if labels == "muscle" else solution.dof_names
         data.update({f"{prefix}/{name}": values[:, i] for i, name in enumerate(names)})
+    if solution.external_load.any():
+        data.update({f"{_EXTERNAL}/{name}": solution.external_load[:, i] for i, name in enumerate(solution.dof_names)})
     data["status"] = np.append(solution.status.astype(np.float64), np.nan)
     return data
 
@@ -74,6 +107,8 @@ def to_xarray(solution: Solution) -> xr.Dataset:
     variables: dict[str, Any] = {"status": ("window", solution.status)}
     for attribute, labels, rows in _COLUMNS.values():
         variables[attribute] = ((rows, labels), getattr(solution, attribute))
+    if solution.external_load.any():
+        variables["external_load"] = (("node", "dof"), solution.external_load)
     variables["dof_is_rotation"] = ("dof", solution.dof_is_rotation)
     coordinates = {
         "time": ("node", solution.time),
@@ -85,6 +120,12 @@ def to_xarray(solution: Solution) -> xr.Dataset:
 
 def save_solution(solution: Solution, path: Path) -> Path:
     """See `Solution.save`."""
+    _save(solution, path)
+    _log.info("solution written: %s, %d rows", path, len(solution.time))
+    return path
+
+
+def _save(solution: Solution, path: Path) -> None:
     suffix = _suffix(path)
     meta = json.dumps(_metadata(solution), default=_plain) if suffix != ".csv" else ""
     if suffix == ".sto":
@@ -96,7 +137,7 @@ def save_solution(solution: Solution, path: Path) -> Path:
             path, list(data), time, np.column_stack(list(data.values())),
             name="mjhcmc solution", in_degrees=False, extra={_META: meta},
         )  # fmt: skip
-        return path
+        return
     with written_whole(path) as temporary:
         if suffix == ".parquet":
             import pyarrow as pa
@@ -112,11 +153,40 @@ def save_solution(solution: Solution, path: Path) -> Path:
             to_dataframe(solution).to_csv(temporary, index=False)
         else:
             to_xarray(solution).assign_attrs({_META: meta}).to_netcdf(temporary, engine="scipy")
-    return path
 
 
-def load_solution(path: Path) -> Solution:
+def load_solution(path: Path, model: MuscleModel | str | Path | None = None) -> Solution:
     """See `Solution.load`."""
+    from mjhcmc.model import MuscleModel
+
+    known = None if model is None else MuscleModel.load(model)
+    solution = _load(path)
+    if known is not None:
+        solution = _with_model(solution, known, path)
+    _log.info("solution read: %s, %d rows, %d muscles", path, len(solution.time), len(solution.muscle_names))
+    _log.debug("settings of the solution in %s: %s", path, solution.settings)
+    return solution
+
+
+def _with_model(solution: Solution, model: MuscleModel, path: Path) -> Solution:
+    for what, found, expected in (
+        ("muscle", solution.muscle_names, model.muscle_names),
+        ("joint", solution.dof_names, model.dof_names),
+    ):
+        for i, (own, other) in enumerate(zip_longest(found, expected)):
+            if own != other:
+                raise OutputError(
+                    f"{path}: {what} {i + 1} is {_quoted(own)} in the file and {_quoted(other)} in model "
+                    f"{model.name!r}: give the model that was driven ({solution.settings.get('model', 'not recorded')})"
+                )
+    return replace(solution, model=model, dof_is_rotation=model.joint_is_rotation)
+
+
+def _quoted(name: str | None) -> str:
+    return "missing" if name is None else repr(name)
+
+
+def _load(path: Path) -> Solution:
     suffix = _suffix(path)
     try:
         if not path.is_file():
@@ -185,9 +255,10 @@ def _from_columns(columns: dict[str, NDArray[np.float64]], meta: dict[str, Any])
                 raise OutputError(f"the last row has {prefix}/{labels[prefix][0]}, but no window begins there: cut off")
             values = values[:-1]
         arrays[attribute] = values
-    return _assemble(
-        arrays, columns["time"], columns["status"][:-1], tuple(labels["activation"]), tuple(labels["moment"]), meta
-    )
+    dofs = tuple(labels["moment"])
+    if any(column.startswith(f"{_EXTERNAL}/") for column in columns):
+        arrays["external_load"] = np.column_stack([columns[f"{_EXTERNAL}/{dof}"] for dof in dofs])
+    return _assemble(arrays, columns["time"], columns["status"][:-1], tuple(labels["activation"]), dofs, meta)
 
 
 def _from_netcdf(path: Path) -> Solution:
@@ -198,6 +269,8 @@ def _from_netcdf(path: Path) -> Solution:
     with xr.open_dataset(path, engine="scipy", mmap=False) as data:
         data.load()
     arrays = {attribute: data[attribute].to_numpy() for attribute, _, _ in _COLUMNS.values()}
+    if "external_load" in data:
+        arrays["external_load"] = data["external_load"].to_numpy()
     muscles, dofs = (tuple(str(name) for name in data[key].to_numpy()) for key in ("muscle", "dof"))
     return _assemble(
         arrays,
@@ -219,6 +292,7 @@ def _assemble(
 ) -> Solution:
     from mjhcmc.verify import Verdict
 
+    arrays = {"external_load": np.zeros_like(arrays["net_joint_moment"]), **arrays}
     floats: dict[str, Any] = {name: np.array(values, dtype=np.float64, order="C") for name, values in arrays.items()}
     for name, values in {"time": time, "status": status, **floats}.items():
         bad = np.argwhere(~np.isfinite(values))

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from mjhcmc.errors import ModelError, SettingsError
 from mjhcmc.leg8.table import JOINTS, MUSCLES, load_table
+from mjhcmc.opensim_names import MUSCLES_TEXT, PATHS_TEXT, PENNATION_TEXT
 
 if TYPE_CHECKING:
     import mujoco
@@ -81,10 +82,7 @@ def build_leg8(
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.timestep = 0.001
     spec.option.gravity = to_world(source["gravity"])
-    spec.add_text(
-        name=COORDINATE_MAP_NAME,
-        data=" ".join(f"{joint}={source['joints'][joint]['coordinate']}" for joint in JOINTS),
-    )
+    _add_names(spec, source)
     frames = _add_bodies(spec, table, scale)
     _add_muscles(spec, table, scale, frames)
     _add_sensors(spec)
@@ -186,6 +184,19 @@ def _require(name: str, value: float, low: float, high: float, unit: str) -> Non
         valid = False
     if not valid:
         raise SettingsError(f"leg8: {name} is {value!r}: give a number from {low:g} to {high:g} {unit}")
+
+
+def _add_names(spec: mujoco.MjSpec, source: Mapping[str, Any]) -> None:
+    """Add the texts that tell what OpenSim calls joints and muscles, and the pennation that MuJoCo has no place for."""
+    coordinates = {joint: source["joints"][joint]["coordinate"] for joint in JOINTS}
+    texts = {
+        COORDINATE_MAP_NAME: coordinates,
+        PATHS_TEXT: {joint: f"/jointset/{joint}_r/{coordinate}" for joint, coordinate in coordinates.items()},
+        MUSCLES_TEXT: {muscle: f"{muscle}_r" for muscle in MUSCLES},
+        PENNATION_TEXT: {muscle: f"{source['muscles'][muscle]['pennation_angle']:.9g}" for muscle in MUSCLES},
+    }
+    for name, pairs in texts.items():
+        spec.add_text(name=name, data=" ".join(f"{key}={value}" for key, value in pairs.items()))
 
 
 def _add_bodies(spec: mujoco.MjSpec, table: Mapping[str, Any], scale: _Scale) -> dict[str, Vector]:

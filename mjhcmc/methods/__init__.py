@@ -1,4 +1,4 @@
-"""The methods: one signature, one Solution. ``windows`` holds what they share."""
+"""The methods: one signature, one Solution. ``windows`` and ``run`` hold what they share."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -9,7 +9,7 @@ from mjhcmc.errors import SettingsError
 if TYPE_CHECKING:
     from mjhcmc.solution import Solution
 
-METHODS = {"hcmc": "hcmc"}
+METHODS = {"hcmc": "hcmc", "cmc": "cmc", "static": "static_optimization"}
 """Function of ``mjhcmc.methods.<function>`` by the name that users give; imported when asked for."""
 
 

@@ -23,23 +23,25 @@ where some saturate it would spend the others on joints that they do not cross. 
 
 from __future__ import annotations
 
-import warnings
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc import dynamics
-from mjhcmc.allocation import allocate, build_problem
-from mjhcmc.errors import MjhcmcWarning, SettingsError, SimulationError
-from mjhcmc.methods.windows import Progress, Record, SolveInterrupted, Windows, decay_rate, prepare
+from mjhcmc.errors import SettingsError, SimulationError
+from mjhcmc.joint_moments import JointMoments
+from mjhcmc.methods.run import Inputs, Progress, reserve_price, run, static_start
+from mjhcmc.methods.windows import Windows, check_flag, decay_rate, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
 from mjhcmc.plant import MujocoPlant, State
 from mjhcmc.sensitivity import build_up, window_response
+from mjhcmc.sharing import Sharing, share
 from mjhcmc.solution import Solution
 
-_FINER_TRIES = 2  # a simulation that diverges is solved again with a quarter of the step, and a sixteenth
 _LARGEST_GAIN = 3.0  # beyond, the sampled error rings or grows
 _MOST_REFINEMENTS = 4
 _REFINED = 1e-2  # of what a trial misses: the next trial, or the window itself, shows the rest
@@ -55,10 +57,16 @@ def hcmc(
     initial_activation: ArrayLike | None = None,
     reserves: bool = True,
     *,
+    cost: str = "effort",
+    weights: Mapping[str, float] | ArrayLike | None = None,
+    smoothness: float = 0.0,
+    min_activation: Mapping[str, float] | ArrayLike = 0.0,
+    disabled: Sequence[str] = (),
+    solver: str = "newton",
+    joint_moments: JointMoments | None = None,
     trials: int = 2,
     gain: float = 2.7,
     authority: float = 0.15,
-    solver: str = "newton",
     plant: MujocoPlant | None = None,
     progress: Progress | None = None,
 ) -> Solution:
@@ -73,10 +81,18 @@ def hcmc(
         initial_qvel: (nv,) rad/s or m/s; the motion's by default.
         initial_activation: (n_muscle,) or one number; by default the allocation of the first desired acceleration.
         reserves: apply to the joints what the muscles cannot give. Without, the muscles do what they can.
+        cost: what is least where muscles can share: ``"effort"`` (sum a^2), ``"cubic"`` (sum a^3), ``"volume"``
+            (sum V a^2) or ``"stress"`` (sum (F/F0)^2); see `sharing`.
+        weights: more for muscles that are to do less: by muscle name (1 for the others), or (n_muscle,); positive.
+        smoothness: weight of (change of activation over a window)^2 beside the cost; 0: none.
+        min_activation: least activation: one number, by muscle name, or (n_muscle,).
+        disabled: names of muscles that stay switched off; their passive force stays.
+        solver: ``"newton"``, or for quadratic costs a qpsolvers back end.
+        joint_moments: net joint moments to share among the muscles in place of those of inverse dynamics; what they
+            imply to act from outside is applied to the plant (see `joint_moments`).
         trials: trial windows for each control window.
         gain: feedback bandwidth times dt: errors are to vanish in about dt/gain. Beyond 3 excitations ring.
         authority: share of the muscles' acceleration that feedback may ask for.
-        solver: ``"newton"``, or a qpsolvers back end.
         plant: what is stepped; the model in MuJoCo by default.
         progress: called with (windows solved, windows in all).
 
@@ -85,68 +101,32 @@ def hcmc(
 
     Raises:
         SettingsError: a setting outside its valid values.
-        MotionError: the motion does not fit the model.
+        MotionError: the motion does not fit the model, or the joint moments do not cover it.
         SimulationError: the physics step is unstable under the model's passive damping; or the simulation diverged,
             also with a quarter and a sixteenth of the step (an `MjhcmcWarning` tells of each; a plant that was handed
             in keeps its step). Its ``solution`` holds what was solved before, marked interrupted.
         SolveInterrupted: a KeyboardInterrupt came; it carries what was solved.
     """
-    settings = _Settings(reserves, trials, gain, authority, solver)
-    windows = prepare(model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, plant)
-    for _ in range(_FINER_TRIES):
-        try:
-            return _solve(windows, settings, progress)
-        except SimulationError as error:
-            if plant is not None:  # its step is not ours to change
-                raise
-            step = windows.plant.physics_dt / 4
-            warnings.warn(f"{error}; it is solved again with physics_dt {step:.2g} s", MjhcmcWarning, stacklevel=2)
-            windows = replace(windows, plant=MujocoPlant(model, step), n_step=4 * windows.n_step)
-    return _solve(windows, settings, progress)
-
-
-def _solve(windows: Windows, settings: _Settings, progress: Progress | None) -> Solution:
-    """All windows, one after another; raises as `hcmc` does."""
-    model = windows.model
-    start, reserve = _start(windows, settings)
-    aim = _Aim(
-        excitation=np.clip(start.activation, *model.excitation_range.T),
-        reserve=reserve if settings.reserves else np.zeros(model.nv),
-        shortfall=reserve,
-        fastest_rate=0.0,
+    windows = prepare(
+        model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant
     )
-    record = Record(windows, {"method": "hcmc", **asdict(settings)}, [start])
-    try:
-        for k in range(windows.count):
-            aim = _aim(windows, k, record.states[-1], aim, settings)
-            windows.plant.set_state(record.states[-1])
-            windows.plant.advance(aim.excitation, aim.reserve, windows.n_step)
-            end = replace(windows.plant.get_state(), time=float(windows.reference.time[k + 1]))
-            record.window(aim.excitation, aim.reserve, aim.shortfall, aim.fastest_rate, end)
-            if progress is not None:
-                progress(k + 1, windows.count)
-        return record.solution()
-    except SimulationError as error:
-        error.solution = record.solution(interrupted=True) if record.count else None
-        raise
-    except KeyboardInterrupt as interrupt:
-        partly = record.count < windows.count
-        raise SolveInterrupted(record.solution(interrupted=partly) if record.count else None) from interrupt
+    sharing = share(model, cost, weights, smoothness, min_activation, disabled, solver)
+    method = _Hcmc(sharing, reserves, trials, gain, authority)
+    return run(method, windows, progress, own_plant=plant is not None)
 
 
 @dataclass(frozen=True)
-class _Settings:
-    """The method's own settings; see `hcmc`."""
+class _Hcmc:
+    """The method with its settings; see `hcmc`."""
 
+    sharing: Sharing
     reserves: bool
     trials: int
     gain: float
     authority: float
-    solver: str
 
     def __post_init__(self) -> None:
-        if not isinstance(self.reserves, (bool, np.bool_)):
-            raise SettingsError(f"reserves must be True or False; got {self.reserves!r}")
+        check_flag("reserves", self.reserves)
         if not isinstance(self.trials, (int, np.integer)) or self.trials < 1:
             raise SettingsError(f"trials must be at least 1; got {self.trials!r}")
         for name, most in (("gain", _LARGEST_GAIN), ("authority", 1.0)):
@@ -154,54 +134,68 @@ class _Settings:
             if not (isinstance(value, (int, float)) and 0 < value <= most):
                 raise SettingsError(f"{name} must be positive and at most {most:g}; got {value!r}")
 
-    def price(self, M: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(nv, nv) kg m^2, the inertia by which reserves are priced (see `build_problem`).
+    def settings(self) -> dict[str, Any]:
+        """See `run.Method`."""
+        own = {"reserves": self.reserves, "trials": self.trials, "gain": self.gain, "authority": self.authority}
+        return {"method": "hcmc", **self.sharing.options, **own}
 
-        Reserves that are applied are motors, one a joint: each is priced by what it is worth at its own joint, so that
-        a joint whose muscles suffice needs none. Where nothing fills the gap the joints share it, and by Gauss's
-        principle the shares are those that change the accelerations least; the leg comes back from a wrong start by it.
-        """
-        return np.diag(np.diag(M)) if self.reserves else M
+    def start(self, windows: Windows) -> tuple[State, Inputs]:
+        """See `run.Method`."""
+        return static_start(windows, self.sharing, reserves=self.reserves)
 
+    def window(self, windows: Windows, k: int, state: State, before: Inputs) -> Inputs:
+        """See `run.Method`: corrected by trial windows from the window before, see the module's docstring."""
+        plant, reference, h = windows.plant, windows.reference, windows.dt
+        prm, n = plant.model.activation_parameters, plant.model.n_muscle
+        kp, kv = _feedback(windows, k, state, before.reserve, self)
+        c = 1 + kv * h / 2 + kp * h**2 / 6
+        lb, ub = plant.reachable(state.activation, windows.n_step)
+        for _ in range(self.trials):
+            plant.set_state(state)
+            plant.advance(before.excitation, before.reserve, windows.n_step)
+            end = plant.get_state()
+            qacc = plant.forward().copy()
+            if not (np.isfinite(qacc).all() and np.isfinite(end.activation).all()):
+                raise SimulationError(
+                    f"the simulation diverged in the window at {reference.time[k]:.4g} s: use physics_dt <= "
+                    f"{plant.physics_dt / 2:.2g}, or filter the motion"
+                )
+            moments = dynamics.muscle_moments(plant)
+            B = moments.B
+            M = dynamics.mass_matrix(plant)
+            D, K = dynamics.damping_and_stiffness(plant)
+            v_error, q_error = reference.qvel[k + 1] - end.qvel, reference.qpos[k + 1] - end.qpos
+            r = reference.qacc[k + 1] + kv * v_error + kp * q_error - qacc
 
-@dataclass(frozen=True)
-class _Aim:
-    """What one window is driven with.
+            phi = build_up(state.activation, before.excitation, prm, plant.physics_dt, windows.n_step)
+            response = window_response(M, D, K, B, phi, plant.physics_dt)
+            answer = response.qacc + kv[:, None] * response.qvel + kp[:, None] * response.qpos
+            N = (M + h / 2 * D + h**2 / 6 * K) / c
+            A, T = N @ answer[:, :n], N @ answer[:, n:]
+            missing = wanted = N @ r
+            Q = B @ end.activation + T @ before.reserve
+            price = reserve_price(M, reserves=self.reserves)
+            for _ in range(_MOST_REFINEMENTS):
+                Q = Q + missing
+                found = self.sharing.allocate(self.sharing.problem(moments, Q, lb, ub, price, state.activation))
+                missing = wanted - A @ (found.activation - end.activation) - (found.reserve - T @ before.reserve)
+                if np.abs(missing).max(initial=0.0) <= _REFINED * np.abs(wanted).max(initial=0.0):
+                    break
 
-    Attributes:
-        excitation: (n_muscle,).
-        reserve: (nv,) N m, applied.
-        shortfall: (nv,) N m, what the muscles cannot give.
-        fastest_rate: 1/s, decay rate of the velocities at the end of the last trial.
-    """
-
-    excitation: NDArray[np.float64]
-    reserve: NDArray[np.float64]
-    shortfall: NDArray[np.float64]
-    fastest_rate: float
-
-
-def _start(windows: Windows, settings: _Settings) -> tuple[State, NDArray[np.float64]]:
-    """The first state, with the static allocation of the first desired acceleration where none was given.
-
-    Returns:
-        The state, and the reserve (nv,) N m of that allocation.
-    """
-    plant, model, start = windows.plant, windows.model, windows.start
-    given = np.isfinite(start.activation).all()
-    plant.set_state(start if given else replace(start, activation=np.zeros(model.n_muscle)))
-    plant.set_input(None, np.zeros(model.nv))
-    plant.forward()
-    moments = dynamics.muscle_moments(plant)
-    Q = dynamics.required_moment(plant, windows.reference.qacc[0], moments.p)
-    low, high = model.excitation_range.T
-    price = settings.price(dynamics.mass_matrix(plant))
-    found = allocate(build_problem(moments.B, Q, low, high, inertia=price), settings.solver)
-    return (start if given else replace(start, activation=found.activation)), found.reserve
+            shortfall = np.asarray(np.linalg.solve(T, found.reserve))
+            before = Inputs(
+                excitation=self.sharing.excitation(
+                    plant.excitation_reaching(state.activation, found.activation, windows.n_step)
+                ),
+                reserve=shortfall if self.reserves else np.zeros_like(shortfall),
+                shortfall=shortfall,
+                fastest_rate=decay_rate(M, D),
+            )
+        return before
 
 
 def _feedback(
-    windows: Windows, k: int, state: State, reserve: NDArray[np.float64], settings: _Settings
+    windows: Windows, k: int, state: State, reserve: NDArray[np.float64], settings: _Hcmc
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Gains kp (nv,) 1/s^2 and kv (nv,) 1/s of window k, from the error at its start.
 
@@ -229,50 +223,3 @@ def _feedback(
     w = np.full(windows.model.nv, fastest)
     w[limited] = np.minimum(w[limited], alpha[limited] / denominator[limited])
     return w**2, 2 * w * np.where(w < fastest, 1.0, 1 - settings.gain / 6)
-
-
-def _aim(windows: Windows, k: int, start: State, aim: _Aim, settings: _Settings) -> _Aim:
-    """The aim of window k, corrected by trial windows from that of the window before (see the module's docstring)."""
-    plant, reference, h = windows.plant, windows.reference, windows.dt
-    prm, n = plant.model.activation_parameters, plant.model.n_muscle
-    kp, kv = _feedback(windows, k, start, aim.reserve, settings)
-    c = 1 + kv * h / 2 + kp * h**2 / 6
-    lb, ub = plant.reachable(start.activation, windows.n_step)
-    for _ in range(settings.trials):
-        plant.set_state(start)
-        plant.advance(aim.excitation, aim.reserve, windows.n_step)
-        end = plant.get_state()
-        qacc = plant.forward().copy()
-        if not (np.isfinite(qacc).all() and np.isfinite(end.activation).all()):
-            raise SimulationError(
-                f"the simulation diverged in the window at {reference.time[k]:.4g} s: use physics_dt <= "
-                f"{plant.physics_dt / 2:.2g}, or filter the motion"
-            )
-        B = dynamics.muscle_moments(plant).B
-        M = dynamics.mass_matrix(plant)
-        D, K = dynamics.damping_and_stiffness(plant)
-        v_error, q_error = reference.qvel[k + 1] - end.qvel, reference.qpos[k + 1] - end.qpos
-        r = reference.qacc[k + 1] + kv * v_error + kp * q_error - qacc
-
-        phi = build_up(start.activation, aim.excitation, prm, plant.physics_dt, windows.n_step)
-        response = window_response(M, D, K, B, phi, plant.physics_dt)
-        answer = response.qacc + kv[:, None] * response.qvel + kp[:, None] * response.qpos
-        N = (M + h / 2 * D + h**2 / 6 * K) / c
-        A, T = N @ answer[:, :n], N @ answer[:, n:]
-        missing = wanted = N @ r
-        Q = B @ end.activation + T @ aim.reserve
-        for _ in range(_MOST_REFINEMENTS):
-            Q = Q + missing
-            found = allocate(build_problem(B, Q, lb, ub, inertia=settings.price(M)), settings.solver)
-            missing = wanted - A @ (found.activation - end.activation) - (found.reserve - T @ aim.reserve)
-            if np.abs(missing).max(initial=0.0) <= _REFINED * np.abs(wanted).max(initial=0.0):
-                break
-
-        shortfall = np.asarray(np.linalg.solve(T, found.reserve))
-        aim = _Aim(
-            excitation=plant.excitation_reaching(start.activation, found.activation, windows.n_step),
-            reserve=shortfall if settings.reserves else np.zeros_like(shortfall),
-            shortfall=shortfall,
-            fastest_rate=decay_rate(M, D),
-        )
-    return aim

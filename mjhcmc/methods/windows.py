@@ -1,37 +1,24 @@
-"""The control windows of a solve, common to all methods: their times, the desired motion, the start, the record."""
+"""The control windows of a solve, common to all methods: their times, the desired motion, the start."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc import dynamics
 from mjhcmc.errors import MjhcmcWarning, MotionError, SettingsError, SimulationError
+from mjhcmc.joint_moments import JointMoments
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import RANGE_ALLOWANCE, Motion, Reference, check_joint_range
 from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State, physics_steps
-from mjhcmc.solution import Solution, window_status
 
 _MODES_CHECKED = 50
 _MARGIN = 0.8  # active muscles damp too
 _MOST_STEPS = 10**8  # days of work, gigabytes of record
-
-Progress = Callable[[int, int], None]
-"""Called with (windows solved, windows in all)."""
-
-
-class SolveInterrupted(KeyboardInterrupt):
-    """The solve was interrupted; `solution` holds what was solved, marked interrupted (None: nothing yet)."""
-
-    def __init__(self, solution: Solution | None) -> None:
-        super().__init__("the solve was interrupted")
-        self.solution = solution
 
 
 @dataclass(frozen=True)
@@ -41,7 +28,7 @@ class Windows:
     Attributes:
         model: the model.
         plant: what is stepped.
-        motion_name: for the record.
+        motion: the desired motion.
         reference: the desired motion at the N + 1 nodes.
         dt: s, length of a control window.
         n_step: physics steps in a window.
@@ -50,11 +37,15 @@ class Windows:
 
     model: MuscleModel
     plant: MujocoPlant
-    motion_name: str
+    motion: Motion
     reference: Reference
     dt: float
     n_step: int
     start: State
+
+    def reference_at(self, time: float) -> Reference:
+        """The desired motion at one time; after its end, at its end."""
+        return self.motion.sample(min(time, self.motion.end))
 
     @property
     def count(self) -> int:
@@ -70,6 +61,7 @@ def prepare(
     initial_qpos: ArrayLike | None = None,
     initial_qvel: ArrayLike | None = None,
     initial_activation: ArrayLike | None = None,
+    joint_moments: JointMoments | None = None,
     plant: MujocoPlant | None = None,
 ) -> Windows:
     """Check the settings of a solve and lay out its windows.
@@ -82,11 +74,12 @@ def prepare(
         initial_qpos: (nq,) rad or m; the motion's by default.
         initial_qvel: (nv,) rad/s or m/s; the motion's by default.
         initial_activation: (n_muscle,) or one number; NaN, to be solved for, by default.
+        joint_moments: to be shared among the muscles in place of those of inverse dynamics.
         plant: what is stepped; a `MujocoPlant` at physics_dt by default. It keeps its own physics step.
 
     Raises:
         SettingsError: a setting outside its valid values.
-        MotionError: a motion of other joints, or outside the joints' range.
+        MotionError: a motion of other joints, or outside the joints' range; joint moments that do not cover it.
         SimulationError: a physics step at which the model's passive damping is unstable.
     """
     if not isinstance(model, MuscleModel) or not isinstance(motion, Motion):
@@ -123,12 +116,24 @@ def prepare(
     n_step = physics_steps(dt, physics_dt)
     if plant is None:
         plant = MujocoPlant(model, dt / n_step)
+    elif joint_moments is not None:
+        raise SettingsError(
+            "joint_moments and a plant of one's own exclude each other: build the plant with "
+            "external=joint_moments.implied_load(plant, motion)"
+        )
     else:
         n_step = physics_steps(dt, plant.physics_dt)
         if abs(n_step * plant.physics_dt - dt) > 1e-9 * dt:
             raise SettingsError(
                 f"the plant's step {plant.physics_dt:g} s does not divide dt {dt:g} s: build it with dt/{n_step}"
             )
+    if joint_moments is not None:
+        if not isinstance(joint_moments, JointMoments):
+            raise SettingsError(
+                f"joint_moments must be JointMoments; got {type(joint_moments).__name__}: use JointMoments.from_file"
+            )
+        joint_moments.check_covers(motion, model)
+        plant.external = joint_moments.implied_load(plant, motion)
     qpos = _vector("initial_qpos", initial_qpos, reference.qpos[0])
     qvel = _vector("initial_qvel", initial_qvel, reference.qvel[0])
     _check_range(motion, model, times[:1], qpos[None], "initial_qpos")
@@ -136,7 +141,7 @@ def prepare(
     if initial_activation is not None and (np.any(activation < 0) or np.any(activation > 1)):
         raise SettingsError("initial_activation must lie within 0..1")
     start = State(float(times[0]), qpos, qvel, activation, np.zeros(model.nv))
-    windows = Windows(model, plant, motion.name, reference, dt, n_step, start)
+    windows = Windows(model, plant, motion, reference, dt, n_step, start)
     _check_passive_stability(windows)
     return windows
 
@@ -146,6 +151,12 @@ def _check_range(
 ) -> None:
     remedy = "check units and signs, or widen the model's range"
     check_joint_range(motion, model, time, qpos, what, RANGE_ALLOWANCE, remedy)
+
+
+def check_flag(name: str, value: object) -> None:
+    """Raise SettingsError unless a value is True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise SettingsError(f"{name} must be True or False; got {value!r}")
 
 
 def _vector(name: str, given: ArrayLike | None, default: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -186,94 +197,4 @@ def _check_passive_stability(windows: Windows) -> None:
         raise SimulationError(
             f"model {windows.model.name!r}: physics_dt {plant.physics_dt:g} s is unstable under its damping "
             f"({worst:.0f} /s at {reference.time[at]:.3g} s): use physics_dt <= {_MARGIN * RK4_LIMIT / worst:.2g}"
-        )
-
-
-@dataclass
-class Record:
-    """What a method writes down as it goes: its settings, the state at each node, the inputs of each window."""
-
-    windows: Windows
-    settings: dict[str, Any]
-    states: list[State]
-    excitation: list[NDArray[np.float64]] = field(default_factory=list)
-    reserve: list[NDArray[np.float64]] = field(default_factory=list)
-    shortfall: list[NDArray[np.float64]] = field(default_factory=list)
-    fastest_rate: list[float] = field(default_factory=list)
-
-    def window(
-        self,
-        excitation: NDArray[np.float64],
-        reserve: NDArray[np.float64],
-        shortfall: NDArray[np.float64],
-        fastest_rate: float,
-        end: State,
-    ) -> None:
-        """Write down one window and the state at its end.
-
-        Raises:
-            SimulationError: the state is not finite.
-        """
-        for name, values, labels in (
-            ("position", end.qpos, self.windows.model.joint_names),
-            ("velocity", end.qvel, self.windows.model.dof_names),
-            ("activation", end.activation, self.windows.model.muscle_names),
-        ):
-            if not np.isfinite(values).all():
-                label = labels[int(np.argmin(np.isfinite(values)))]
-                raise SimulationError(
-                    f"the {name} of {label!r} is not finite at {end.time:.4g} s: the simulation diverged; use a "
-                    "smaller physics_dt, or filter the motion"
-                )
-        self.excitation.append(excitation)
-        self.reserve.append(reserve)
-        self.shortfall.append(shortfall)
-        self.fastest_rate.append(fastest_rate)
-        self.states.append(end)
-
-    @property
-    def count(self) -> int:
-        """Windows written down whole: the state at the end comes last, also when an interrupt falls between."""
-        return len(self.states) - 1
-
-    def solution(self, *, interrupted: bool = False) -> Solution:
-        """Everything that follows from the record; one pass over the nodes."""
-        windows, model, plant = self.windows, self.windows.model, self.windows.plant
-        n = self.count
-        reserve, shortfall = np.array(self.reserve[:n]), np.array(self.shortfall[:n])
-        force, moment = np.empty((n + 1, model.n_muscle)), np.empty((n + 1, model.nv))
-        for k, state in enumerate(self.states):
-            plant.set_state(state)
-            plant.set_input(None, reserve[min(k, n - 1)])
-            plant.forward()
-            force[k] = dynamics.node_forces(plant).muscle_force
-            moment[k] = dynamics.net_joint_moment(plant)
-        qpos = np.array([state.qpos for state in self.states])
-        desired = windows.reference.qpos[: n + 1]
-        everything = {
-            "model": model.name,
-            "motion": windows.motion_name,
-            "dt": windows.dt,
-            "physics_dt": plant.physics_dt,
-            **self.settings,
-        }
-        return Solution(
-            time=windows.reference.time[: n + 1].copy(),
-            excitation=np.array(self.excitation[:n]),
-            activation=np.array([state.activation for state in self.states]),
-            qpos=qpos,
-            qpos_desired=desired.copy(),
-            qvel=np.array([state.qvel for state in self.states]),
-            tracking_error=qpos - desired,
-            net_joint_moment=moment,
-            muscle_force=force,
-            reserve=reserve,
-            shortfall=shortfall,
-            status=window_status(moment, reserve, shortfall, np.array(self.fastest_rate[:n]) * plant.physics_dt),
-            muscle_names=model.muscle_names,
-            dof_names=model.dof_names,
-            dof_is_rotation=model.joint_is_rotation.copy(),
-            settings=everything,
-            interrupted=interrupted,
-            model=model,
         )

@@ -1,0 +1,186 @@
+"""OpenSim's own CMC on leg8's source model, with compliant and with rigid tendons, beside HCMC, as Markdown.
+
+    python benchmarks/opensim_cmc.py [--write [DOCUMENT]]
+
+Runs OpenSim: needs its Python package (opensim 4.6) in the same environment, and its model of the leg
+(shared/reference/leg8) beside the checkout. Takes two minutes. --write replaces the tables in docs/opensim.md.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+import warnings
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from _markdown import ROOT, digits, grid, main
+from opensim_agreement import FLOOR, MOVEMENTS, Agreement, compare, correlation, model, reference, solve, summary
+
+import mjhcmc
+from mjhcmc.io.opensim import read_table
+from mjhcmc.opensim_reference import OpenSimRun, find_reference
+from mjhcmc.sharing import COSTS
+
+MOTION = {"slow": ("traj_a_nopad.mot", 1.8), "fast": ("traj_b_nopad.mot", 0.6)}
+KP, KV, WINDOW, RESERVE = 100, 20, 0.01, 1.0
+TENDONS = ("compliant", "rigid")
+
+SETUP = """<?xml version="1.0" encoding="UTF-8" ?>
+<OpenSimDocument Version="40000"><CMCTool name="cmc">
+<model_file>{folder}/model.osim</model_file><replace_force_set>false</replace_force_set>
+<results_directory>{folder}</results_directory><output_precision>12</output_precision>
+<initial_time>0</initial_time><final_time>{end}</final_time>
+<solve_for_equilibrium_for_auxiliary_states>true</solve_for_equilibrium_for_auxiliary_states>
+<maximum_number_of_integrator_steps>30000</maximum_number_of_integrator_steps>
+<maximum_integrator_step_size>{window}</maximum_integrator_step_size>
+<minimum_integrator_step_size>1e-8</minimum_integrator_step_size>
+<integrator_error_tolerance>1e-5</integrator_error_tolerance>
+<desired_kinematics_file>{motion}</desired_kinematics_file><task_set_file>{folder}/tasks.xml</task_set_file>
+<lowpass_cutoff_frequency>-1</lowpass_cutoff_frequency><cmc_time_window>{window}</cmc_time_window>
+<use_fast_optimization_target>true</use_fast_optimization_target>
+<optimizer_algorithm>ipopt</optimizer_algorithm><optimizer_convergence_criterion>1e-5</optimizer_convergence_criterion>
+<optimizer_max_iterations>2000</optimizer_max_iterations></CMCTool></OpenSimDocument>
+"""
+
+
+@cache
+def run(movement: str, tendon: str) -> tuple[OpenSimRun, float]:
+    """OpenSim's CMC, and how long it took, s."""
+    import opensim
+
+    found = find_reference()
+    source = found.parent / "leg8" if found else ROOT / "absent"
+    if not (source / "leg8.osim").is_file():
+        raise SystemExit("OpenSim's model of the leg (shared/reference/leg8) is not beside this checkout")
+    opensim.Logger.setLevelString("error")
+    motion, end = MOTION[movement]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        leg = opensim.Model(str(source / "leg8.osim"))
+        muscles = leg.getMuscles()
+        for i in range(muscles.getSize()):
+            muscles.get(i).set_ignore_tendon_compliance(tendon == "rigid")
+        tasks = opensim.CMC_TaskSet()
+        for path in model().opensim.paths.values():
+            coordinate = path.split("/")[-1]
+            reserve = opensim.CoordinateActuator(coordinate)
+            reserve.setName(f"reserve_{coordinate}")
+            reserve.setOptimalForce(RESERVE)
+            reserve.setMinControl(-100.0)
+            reserve.setMaxControl(100.0)
+            leg.addForce(reserve)
+            task = opensim.CMC_Joint()
+            task.setName(coordinate)
+            task.setCoordinateName(coordinate)
+            task.setKP(KP, 1, 1)
+            task.setKV(KV, 1, 1)
+            task.setActive(True, False, False)
+            tasks.cloneAndAppend(task)
+        leg.finalizeConnections()
+        leg.printToXML(str(folder / "model.osim"))
+        tasks.printToXML(str(folder / "tasks.xml"))
+        setup = folder / "setup.xml"
+        setup.write_text(SETUP.format(folder=folder, end=end, window=WINDOW, motion=source / motion), encoding="utf-8")
+        tool, began = opensim.CMCTool(str(setup)), time.perf_counter()
+        if not tool.run():
+            raise SystemExit(f"OpenSim's CMC failed on {movement} with {tendon} tendons")
+        took = time.perf_counter() - began
+        with warnings.catch_warnings(action="ignore"):  # CMC damages the header of its own states file
+            table = read_table(folder / "cmc_states.sto")
+    columns = dict(zip(table.columns, table.values.T, strict=True))
+    names = model().opensim
+    return OpenSimRun(
+        time=table.time,
+        activation=np.column_stack([columns[f"/forceset/{names.muscles[m]}/activation"] for m in model().muscle_names]),
+        muscle_names=model().muscle_names,
+        qpos=np.column_stack([columns[f"{names.paths[joint]}/value"] for joint in model().joint_names]),
+    ), took
+
+
+def between(one: OpenSimRun, other: OpenSimRun) -> list[Agreement]:
+    """Of two results of OpenSim, on the first's times; peaks: the second's, the first's."""
+    result = []
+    kept = one.time >= 0.03
+    for i in range(len(one.muscle_names)):
+        a, b = one.activation[kept, i], np.interp(one.time[kept], other.time, other.activation[:, i])
+        r = np.nan if min(a.max(), b.max()) - FLOOR["cmc"] < 0.02 else float(np.corrcoef(a, b)[0, 1])
+        result.append(Agreement(b.max(), a.max(), float(np.sqrt(np.mean((a - b) ** 2))), r))
+    return result
+
+
+def markdown() -> str:
+    sections = ["### OpenSim's runs\n\n" + runs()]
+    for movement in MOVEMENTS:
+        sections.append(f"### HCMC and OpenSim's CMC, by tendon, {movement}\n\n" + tendons(movement))
+    sections.append("### HCMC by cost, against OpenSim's CMC with rigid tendons\n\n" + costs())
+    return "\n\n".join(sections)
+
+
+def runs() -> str:
+    rows = []
+    for movement in MOVEMENTS:
+        for tendon in TENDONS:
+            found, took = run(movement, tendon)
+            wanted = mjhcmc.Motion.cosine(model(), movement).sample(found.time).qpos
+            error = np.rad2deg(np.abs(found.qpos - wanted).max(axis=0))
+            stored = summary(between(found, reference(movement, "cmc"))) if tendon == "compliant" else "   "
+            rows.append((f"{movement}, {tendon} tendons", "/".join(map(digits, error)), *stored, f"{took:.0f}"))
+    header = ("", "max error hip/knee/ankle, deg", "r with the stored run", "median RMS", "largest RMS", "time, s")
+    return grid(header, rows)
+
+
+def tendons(movement: str) -> str:
+    ours = solve("hcmc", movement, min_activation=FLOOR["cmc"])
+    found = {tendon: run(movement, tendon)[0] for tendon in TENDONS}
+    columns = {
+        **{f"HCMC and {tendon}": compare(ours, one, FLOOR["cmc"]) for tendon, one in found.items()},
+        "rigid and compliant": between(found["rigid"], found["compliant"]),
+    }
+    peaks = [one.activation[one.time >= 0.03].max(axis=0) for one in found.values()]
+    rows = [
+        (
+            name,
+            *(f"{peak[i]:.2f}" for peak in peaks),
+            f"{columns['HCMC and rigid'][i].ours:.2f}",
+            *(c for pair in columns.values() for c in (correlation(pair[i].r), f"{pair[i].rms:.3f}")),
+        )
+        for i, name in enumerate(model().muscle_names)
+    ]
+    rows.append(("**median**", *"   ", *(c for pair in columns.values() for c in summary(pair)[:2])))
+    header = (
+        "muscle",
+        *(f"{t} peak" for t in TENDONS),
+        "HCMC peak",
+        *(f"{c} {w}" for c in columns for w in ("r", "RMS")),
+    )
+    return grid(header, rows)
+
+
+def costs() -> str:
+    rows = []
+    for cost in COSTS:
+        cells = (
+            cell
+            for movement in MOVEMENTS
+            for cell in summary(
+                compare(
+                    solve("hcmc", movement, min_activation=FLOOR["cmc"], cost=cost),
+                    run(movement, "rigid")[0],
+                    FLOOR["cmc"],
+                )
+            )
+        )
+        rows.append((cost, *cells))
+    columns = ("median r", "median RMS", "largest RMS")
+    return grid(("cost", *(f"{movement}: {column}" for movement in MOVEMENTS for column in columns)), rows)
+
+
+if __name__ == "__main__":
+    main(
+        "opensim_cmc.py",
+        "OpenSim's CMC with compliant and rigid tendons, beside HCMC.",
+        markdown,
+        document=ROOT / "docs" / "opensim.md",
+    )

@@ -1,0 +1,148 @@
+"""What the commands share: the output folder, interrupts, notices, the progress bar."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+from mjhcmc.errors import MjhcmcWarning, OutputError
+
+if TYPE_CHECKING:
+    from mjhcmc.methods.run import Progress
+
+INTERRUPTED = 130
+"""Exit code after an interrupt."""
+
+
+@contextmanager
+def engine_notices() -> Iterator[None]:
+    """MuJoCo's warnings as notices; left alone, it prints them and writes a MUJOCO_LOG.TXT where the user stands."""
+    import mujoco
+
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: warnings.warn(f"MuJoCo: {text}", MjhcmcWarning, stacklevel=1))
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+@contextmanager
+def interrupt_later() -> Iterator[None]:
+    """Hold an interrupt back until the block ends, so that what was solved is kept; a second one does not wait."""
+    with _held_back() as interrupted:
+        yield
+    if interrupted():
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def _held_back() -> Iterator[Callable[[], bool]]:
+    """Hold an interrupt back; gives whether one came. A second one is let through."""
+    came = False
+    if threading.current_thread() is not threading.main_thread():  # interrupts never reach it
+        yield lambda: came
+        return
+
+    def hold_back(*_: Any) -> None:
+        nonlocal came
+        came = True
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.signal(signal.SIGINT, hold_back)
+    try:
+        yield lambda: came
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def progress_bar(hidden: bool) -> Iterator[Progress]:
+    """A bar over the windows. An interrupt ends the work at the end of the window, a second one at once.
+
+    Raised where it comes, an interrupt could fall into a callback from compiled code, which prints and drops it.
+    """
+    from tqdm import tqdm
+
+    # disable=None hides the bar where standard error is no terminal
+    with _held_back() as interrupted, tqdm(unit="window", leave=False, disable=True if hidden else None) as bar:
+
+        def progress(done: int, count: int) -> None:
+            bar.total = count
+            bar.update(done - bar.n)
+            if interrupted():
+                raise KeyboardInterrupt
+
+        yield progress
+
+
+@contextmanager
+def output_folder(path: Path) -> Iterator[Path]:
+    """Make the folder and see that it can be written, before the work; take it away again if the work fails."""
+    made: list[Path] = []
+    try:
+        made = [folder for folder in (path, *path.parents) if not folder.exists()]
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / ".mjhcmc-probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        _remove(made)
+        raise OutputError(
+            f"{path}: the output folder cannot be written ({error.strerror}): choose another --out"
+        ) from error
+    try:
+        yield path
+    except BaseException:
+        _remove(made)
+        raise
+
+
+def _remove(folders: list[Path]) -> None:
+    """Remove folders that are there and empty, innermost first."""
+    for folder in folders:
+        with suppress(OSError):  # never made, or not empty
+            folder.rmdir()
+
+
+@contextmanager
+def told(verbose: int) -> Iterator[None]:
+    """Log records of mjhcmc on standard error: INFO with one -v, DEBUG with two."""
+    if not verbose:
+        yield
+        return
+    logger, handler = logging.getLogger("mjhcmc"), logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+    before = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO if verbose == 1 else logging.DEBUG)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+        logger.removeHandler(handler)
+
+
+def show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    """A notice as one line on standard error."""
+    if issubclass(category, MjhcmcWarning):
+        click.echo(f"mjhcmc: notice: {_one_line(str(message))}", err=True)
+
+
+def fail(message: str) -> NoReturn:
+    """One line on standard error, and exit code 2."""
+    click.echo(f"mjhcmc: error: {_one_line(message)}", err=True)
+    sys.exit(2)
+
+
+def _one_line(message: str) -> str:
+    return " ".join(message.split())

@@ -1,0 +1,146 @@
+"""Detail: fibers, muscle power, each muscle's share of the joint moments, and joint reactions, along a solution."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc import dynamics
+from mjhcmc.errors import MjhcmcWarning, SimulationError
+from mjhcmc.plant import MujocoPlant, State
+from mjhcmc.reactions import joint_reactions, reactions_unknown
+
+if TYPE_CHECKING:
+    from mjhcmc.solution import Solution
+
+
+@dataclass(frozen=True, eq=False)
+class Detail:
+    """What follows from a solution at its N + 1 nodes; muscles, degrees of freedom and joints in the solution's order.
+
+    MuJoCo's muscle has a rigid tendon and no pennation, so a fiber is as long as the path less a constant, and what
+    is given here is the fiber's length ALONG THE TENDON (l cos(alpha) of Millard et al. 2013, doi 10.1115/1.4023390,
+    equations 1-4, with a rigid tendon). With the muscle's lengthrange (lr0, lr1), range (r0, r1) and path length lMT:
+
+        L0 = (lr1 - lr0)/(r1 - r0),   l = r0 L0 + (lMT - lr0)
+
+    A muscle's force F counts fiber damping in (`Solution.muscle_force`), so the moments R^T F of all muscles and the
+    reserve add up to `Solution.net_joint_moment`, and the powers of muscles to R^T F . qvel.
+
+    Attributes:
+        musculotendon_length: (N+1, n_muscle) m, length of the path (rad for a muscle that acts on a hinge).
+        musculotendon_velocity: (N+1, n_muscle) m/s, lengthening positive.
+        fiber_length: (N+1, n_muscle) m, along the tendon; NaN where the gain is not MuJoCo's muscle.
+        fiber_velocity: (N+1, n_muscle) m/s, along the tendon, lengthening positive; NaN likewise.
+        normalized_fiber_length: (N+1, n_muscle) in L0, the optimal fiber length along the tendon; NaN likewise.
+        normalized_fiber_velocity: (N+1, n_muscle) in L0 a second; NaN likewise.
+        muscle_power: (N+1, n_muscle) W, -F times musculotendon velocity: positive where the muscle shortens and gives
+            energy to the bodies (Winter 2009, ISBN 978-0-470-39818-0, chapter 6).
+        muscle_moment: (N+1, n_muscle, nv) N m or N, what each muscle adds to each net joint moment, R_ij F_i.
+        active_moment: (N+1, n_muscle, nv) N m or N, the part of it that is proportional to activation.
+        passive_moment: (N+1, n_muscle, nv) N m or N, the rest: passive fiber force and fiber damping.
+        joint_reaction_force: (N+1, njnt, 3) N, on the child body, in the world's axes (`reactions.joint_reactions`).
+        joint_reaction_moment: (N+1, njnt, 3) N m, on the child body, about the joint's anchor, in the world's axes.
+            Reactions are NaN, with an `MjhcmcWarning`, where something acts on the bodies at a place not known.
+    """
+
+    musculotendon_length: NDArray[np.float64]
+    musculotendon_velocity: NDArray[np.float64]
+    fiber_length: NDArray[np.float64]
+    fiber_velocity: NDArray[np.float64]
+    normalized_fiber_length: NDArray[np.float64]
+    normalized_fiber_velocity: NDArray[np.float64]
+    muscle_power: NDArray[np.float64]
+    muscle_moment: NDArray[np.float64]
+    active_moment: NDArray[np.float64]
+    passive_moment: NDArray[np.float64]
+    joint_reaction_force: NDArray[np.float64]
+    joint_reaction_moment: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for item in fields(self):
+            getattr(self, item.name).flags.writeable = False
+
+
+def detail_of(solution: Solution) -> Detail:
+    """See `Detail`; one pass over the nodes, each with the reserve of the window that starts there (the last: ends).
+
+    Raises:
+        SimulationError: the solution does not know its model (it was read from a file without one).
+    """
+    model = solution.model
+    if model is None:
+        raise SimulationError(
+            "this solution was read from a file and does not know its model: read it with Solution.load(path, "
+            "model=...) to see its detail"
+        )
+    plant = MujocoPlant(model)
+    unknown = reactions_unknown(plant)
+    if solution.external_load.any():
+        unknown = (
+            unknown or "where the loads from outside act on the bodies is not recorded: solve without joint_moments"
+        )
+    if unknown:
+        warnings.warn(
+            f"model {model.name!r}: joint reactions are not known (NaN): {unknown}", MjhcmcWarning, stacklevel=2
+        )
+    n, m, v = len(solution.time), model.n_muscle, model.nv
+    length, velocity, force = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
+    active, passive = np.empty((n, m, v)), np.empty((n, m, v))
+    reaction_force, reaction_moment = np.full((n, v, 3), np.nan), np.full((n, v, 3), np.nan)
+    rows = plant.mj_model.actuator_outadr[model.muscle_ids]
+    for k in range(n):
+        activation = solution.activation[k]
+        plant.set_state(State(float(solution.time[k]), solution.qpos[k], solution.qvel[k], activation, np.zeros(v)))
+        plant.set_input(None, solution.reserve[min(k, solution.n_window - 1)] + solution.external_load[k])
+        plant.forward()
+        length[k] = plant.mj_data.actuator_length[rows]
+        velocity[k] = plant.mj_data.actuator_velocity[rows]
+        if not unknown:
+            reaction_force[k], reaction_moment[k] = joint_reactions(plant)
+        R = dynamics.moment_arms(plant)
+        parts = dynamics.muscle_moments(plant)  # leaves the actuator forces at activation 0
+        active[k] = R * (parts.gain * activation)[:, None]
+        passive[k] = R * parts.bias[:, None]
+        force[k] = parts.gain * activation + parts.bias
+    optimal, start = _optimal_length(plant)
+    gear = _gear(plant)
+    normalized = start[:, 1] + (length - start[:, 0]) / optimal
+    return Detail(
+        musculotendon_length=length / gear,
+        musculotendon_velocity=velocity / gear,
+        fiber_length=normalized * optimal / np.abs(gear),
+        fiber_velocity=np.where(np.isfinite(optimal), velocity / np.abs(gear), np.nan),
+        normalized_fiber_length=normalized,
+        normalized_fiber_velocity=velocity / optimal,
+        muscle_power=-force * velocity,
+        muscle_moment=active + passive,
+        active_moment=active,
+        passive_moment=passive,
+        joint_reaction_force=reaction_force,
+        joint_reaction_moment=reaction_moment,
+    )
+
+
+def _gear(plant: MujocoPlant) -> NDArray[np.float64]:
+    """(n_muscle,) the actuator's length is so many times the path's; 1 off a tendon."""
+    m, ids = plant.mj_model, plant.model.muscle_ids
+    on_tendon = m.actuator_trntype[ids] == mujoco.mjtTrn.mjTRN_TENDON
+    return np.where(on_tendon, m.actuator_gear[ids, 0], 1.0)
+
+
+def _optimal_length(plant: MujocoPlant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """L0 (n_muscle,) in the actuator's length, and (n_muscle, 2) a length and the normalized length that it means."""
+    m, ids = plant.mj_model, plant.model.muscle_ids
+    low, high = m.actuator_lengthrange[ids].T
+    r0, r1 = m.actuator_gainprm[ids, 0], m.actuator_gainprm[ids, 1]
+    is_muscle = m.actuator_gaintype[ids] == mujoco.mjtGain.mjGAIN_MUSCLE
+    optimal = np.full(len(ids), np.nan)
+    np.divide(high - low, r1 - r0, out=optimal, where=is_muscle)
+    return optimal, np.column_stack([low, r0])

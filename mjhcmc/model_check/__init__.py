@@ -1,0 +1,1 @@
+"""``mjhcmc check``: what the package sees in a model, and every problem with its remedy."""

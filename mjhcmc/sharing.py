@@ -1,0 +1,229 @@
+"""How joint moments are shared among the muscles: the cost, the muscles' bounds, the solver.
+
+What every method minimizes, at the activations a that supply the moments:
+
+    effort   sum_i k_i a_i^2            as OpenSim's static optimization and, but for passive forces, its CMC
+    cubic    sum_i k_i a_i^3            cubed, as the stress in Crowninshield & Brand (1981),
+                                        doi 10.1016/0021-9290(81)90035-X
+    volume   sum_i k_i V_i a_i^2        larger muscles cost more
+    stress   sum_i k_i (F_i/F0_i)^2     whole force over max isometric force; costs nothing extra at high velocity
+
+k are the user's weights, V = F0 lopt (relative to their mean) goes with the muscle's volume, F = gain a + bias is the
+muscle's whole force. Smoothness adds sum_i k_i sigma (a_i - a_before,i)^2 (for `cubic`, 3/2 of it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjhcmc.allocation import Allocation, AllocationProblem, allocate, build_problem
+from mjhcmc.dynamics import MuscleMoments
+from mjhcmc.errors import SettingsError
+from mjhcmc.model import MuscleModel
+from mjhcmc.qp_back_ends import NEWTON, check_solver
+
+COSTS = ("effort", "cubic", "volume", "stress")
+"""Names of the costs."""
+
+Array = NDArray[np.float64]
+
+_CUBIC_CONVEXITY = 1e-8  # quadratic part of the cubic cost: keeps it strictly convex at 0, moves a by 5e-9
+_LEAST_GAIN = 1e-2  # of F0: a muscle that gives less at full activation still costs something
+
+
+@dataclass(frozen=True, eq=False)
+class Sharing:
+    """A cost, bounds and a solver, checked against a model; build it with `share`.
+
+    Attributes:
+        cost: one of `COSTS`.
+        weights: (n_muscle,) positive; for `volume` times the relative volumes.
+        smoothness: sigma, 0 or positive.
+        min_activation: (n_muscle,) least activation asked of each muscle.
+        disabled: (n_muscle,) True for muscles that stay switched off.
+        strength: (n_muscle,) N, max isometric force; for `stress`, else ones.
+        solver: ``"newton"`` or a qpsolvers back end.
+        options: what the user asked for, as plain values for the record.
+    """
+
+    cost: str
+    weights: Array
+    smoothness: float
+    min_activation: Array
+    disabled: NDArray[np.bool_]
+    strength: Array
+    solver: str
+    options: dict[str, Any]
+
+    def bounds(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """Bounds (n_muscle,) on activation within those that can be reached.
+
+        A least activation beyond reach is approached as fast as can be; a disabled muscle has no choice.
+        """
+        low = np.minimum(np.maximum(low, self.min_activation), high)
+        return low, np.where(self.disabled, low, high)
+
+    def excitation(self, excitation: Array) -> Array:
+        """The excitation (n_muscle,) with the disabled muscles switched off."""
+        return np.where(self.disabled, 0.0, excitation)
+
+    def problem(
+        self, moments: MuscleMoments, Q: Array, low: Array, high: Array, inertia: Array, before: Array | None
+    ) -> AllocationProblem:
+        """The allocation of Q (nv,) N m.
+
+        Args:
+            moments: of the muscles at the state.
+            Q: (nv,) N m that activation should supply.
+            low: (n_muscle,) lowest activation that can be reached.
+            high: (n_muscle,) highest.
+            inertia: (nv, nv) kg m^2, by which reserves are priced, see `allocation.build_problem`.
+            before: (n_muscle,) activation that smoothness holds on to; None: none yet.
+        """
+        k, cubic = self.weights, None
+        w, a0 = k, np.zeros_like(k)
+        if self.cost == "stress":
+            gain = moments.gain / self.strength
+            share = np.maximum(gain**2, _LEAST_GAIN**2)
+            w, a0 = k * share, -moments.bias / self.strength * gain / share
+        elif self.cost == "cubic":
+            w, cubic = _CUBIC_CONVEXITY * k, k
+        if self.smoothness and before is not None:
+            w, a0 = _held(w, a0, self.smoothness * k, before)
+        return build_problem(moments.B, Q, *self.bounds(low, high), inertia=inertia, w=w, a0=a0, c=cubic)
+
+    def allocate(self, problem: AllocationProblem) -> Allocation:
+        """Solve a problem with the chosen solver; raises as `allocation.allocate`."""
+        return allocate(problem, self.solver)
+
+
+def _held(w: Array, a0: Array, more: Array, before: Array) -> tuple[Array, Array]:
+    """w/2 (a - a0)^2 + more/2 (a - before)^2 as one square, up to a constant."""
+    return w + more, (w * a0 + more * before) / (w + more)
+
+
+def share(
+    model: MuscleModel,
+    cost: str = "effort",
+    weights: Mapping[str, float] | ArrayLike | None = None,
+    smoothness: float = 0.0,
+    min_activation: Mapping[str, float] | ArrayLike = 0.0,
+    disabled: Sequence[str] = (),
+    solver: str = NEWTON,
+) -> Sharing:
+    """Check the choices against a model.
+
+    Args:
+        model: the model.
+        cost: one of `COSTS`.
+        weights: by muscle name (1 for the others), or (n_muscle,); positive.
+        smoothness: sigma, 0 or positive; see the module's docstring.
+        min_activation: one number, by muscle name (0 for the others), or (n_muscle,); at least 0, below 1.
+        disabled: names of muscles that stay switched off; their passive force stays.
+        solver: ``"newton"``, or the name of an installed qpsolvers back end where the cost is quadratic.
+
+    Raises:
+        SettingsError: an unknown cost, muscle or solver (the message lists the valid ones), a solver that is not
+            installed or cannot take the cost, values of the wrong shape or outside their range, a cost that the
+            model's muscles have no measure for.
+    """
+    if cost not in COSTS:
+        raise SettingsError(f"unknown cost {cost!r}: choose one of {', '.join(COSTS)}")
+    if not isinstance(solver, str):
+        raise SettingsError(f"solver must be a name, such as {NEWTON!r}; got {solver!r}")
+    check_solver(solver)
+    if cost == "cubic" and solver != NEWTON:
+        raise SettingsError(f"QP solver {solver!r} takes quadratic costs only: use solver {NEWTON!r} with cost 'cubic'")
+    if not (isinstance(smoothness, (int, float)) and 0 <= smoothness < np.inf):
+        raise SettingsError(f"smoothness must be 0 or positive; got {smoothness!r}")
+    k = by_muscle(model, "weights", weights, 1.0)
+    _check_muscles(model, "weights", k, k > 0, "positive")
+    least = by_muscle(model, "min_activation", min_activation, 0.0)
+    _check_muscles(model, "min_activation", least, (least >= 0) & (least < 1), "at least 0 and below 1")
+    least = np.minimum(least, model.excitation_range[:, 1])
+    off = np.array([name in disabled for name in model.muscle_names], dtype=bool)
+    if isinstance(disabled, str):
+        raise SettingsError(f"disabled must be a list of muscle names; got {disabled!r}: write [{disabled!r}]")
+    _check_names(model, "disabled", disabled)
+    held_on = np.flatnonzero(off & (model.excitation_range[:, 0] > 0))
+    if held_on.size:
+        raise SettingsError(
+            f"disabled: the model's ctrlrange keeps {model.muscle_names[held_on[0]]} from being switched off: set its "
+            "lower end to 0"
+        )
+    if off.all():
+        raise SettingsError("disabled names every muscle: leave at least one")
+    strength = model.max_isometric_force if cost in ("stress", "volume") else np.ones(model.n_muscle)
+    _check_measure(model, cost, strength, "a max isometric force")
+    if cost == "volume":
+        volume = strength * model.optimal_fiber_length
+        _check_measure(model, cost, volume, "an optimal fiber length")
+        k = k * volume / volume.mean()
+    least = np.where(off, 0.0, least)
+    options = {
+        "cost": cost,
+        "weights": None if weights is None else by_muscle(model, "weights", weights, 1.0).tolist(),
+        "smoothness": float(smoothness),
+        "min_activation": least.tolist() if np.ptp(least) else float(least[0]),
+        "disabled": [name for name in model.muscle_names if name in disabled],
+        "solver": solver,
+    }
+    return Sharing(cost, k, float(smoothness), least, off, strength, solver, options)
+
+
+def by_muscle(model: MuscleModel, what: str, given: Mapping[str, float] | ArrayLike | None, default: float) -> Array:
+    """(n_muscle,) numbers, given by name, as one number for all, or in the model's order.
+
+    Raises:
+        SettingsError: an unknown muscle, something that is no finite number, or the wrong shape.
+    """
+    values: Array
+    if given is None:
+        return np.full(model.n_muscle, default)
+    if isinstance(given, Mapping):
+        _check_names(model, what, list(given))
+        pairs = [given.get(name, default) for name in model.muscle_names]
+    else:
+        pairs = given  # type: ignore[assignment]
+    try:
+        values = np.array(pairs, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise SettingsError(f"{what} must be numbers; got {given!r}") from None
+    if values.ndim == 0:
+        values = np.full(model.n_muscle, float(values))
+    if values.shape != (model.n_muscle,):
+        raise SettingsError(
+            f"{what} has shape {values.shape}; model {model.name!r} has {model.n_muscle} muscles: give one number a "
+            "muscle, or a mapping of muscle names"
+        )
+    _check_muscles(model, what, values, np.isfinite(values), "finite")
+    return values
+
+
+def _check_muscles(model: MuscleModel, what: str, values: Array, good: NDArray[np.bool_], rule: str) -> None:
+    if not good.all():
+        i = int(np.argmin(good))
+        raise SettingsError(f"{what} of {model.muscle_names[i]} must be {rule}; got {values[i]:g}")
+
+
+def _check_names(model: MuscleModel, what: str, names: Sequence[str]) -> None:
+    unknown = [name for name in names if name not in model.muscle_names]
+    if unknown:
+        raise SettingsError(
+            f"{what}: model {model.name!r} has no muscle {unknown[0]!r}: its muscles are "
+            f"{', '.join(model.muscle_names)}"
+        )
+
+
+def _check_measure(model: MuscleModel, cost: str, values: Array, what: str) -> None:
+    missing = np.flatnonzero(~(np.isfinite(values) & (values > 0)))
+    if missing.size:
+        raise SettingsError(
+            f"cost {cost!r}: muscle {model.muscle_names[missing[0]]} has not {what} (its gain is not MuJoCo's muscle): "
+            "choose cost 'effort'"
+        )
