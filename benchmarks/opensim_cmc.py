@@ -9,7 +9,6 @@ Runs OpenSim: needs its Python package (opensim 4.6) in the same environment, an
 from __future__ import annotations
 
 import tempfile
-import time
 import warnings
 from functools import cache
 from pathlib import Path
@@ -46,8 +45,8 @@ SETUP = """<?xml version="1.0" encoding="UTF-8" ?>
 
 
 @cache
-def run(movement: str, tendon: str) -> tuple[OpenSimRun, float]:
-    """OpenSim's CMC, and how long it took, s."""
+def run(movement: str, tendon: str) -> OpenSimRun:
+    """OpenSim's CMC."""
     import opensim
 
     found = find_reference()
@@ -83,10 +82,8 @@ def run(movement: str, tendon: str) -> tuple[OpenSimRun, float]:
         tasks.printToXML(str(folder / "tasks.xml"))
         setup = folder / "setup.xml"
         setup.write_text(SETUP.format(folder=folder, end=end, window=WINDOW, motion=source / motion), encoding="utf-8")
-        tool, began = opensim.CMCTool(str(setup)), time.perf_counter()
-        if not tool.run():
+        if not opensim.CMCTool(str(setup)).run():
             raise SystemExit(f"OpenSim's CMC failed on {movement} with {tendon} tendons")
-        took = time.perf_counter() - began
         with warnings.catch_warnings(action="ignore"):  # CMC damages the header of its own states file
             table = read_table(folder / "cmc_states.sto")
     columns = dict(zip(table.columns, table.values.T, strict=True))
@@ -96,7 +93,7 @@ def run(movement: str, tendon: str) -> tuple[OpenSimRun, float]:
         activation=np.column_stack([columns[f"/forceset/{names.muscles[m]}/activation"] for m in model().muscle_names]),
         muscle_names=model().muscle_names,
         qpos=np.column_stack([columns[f"{names.paths[joint]}/value"] for joint in model().joint_names]),
-    ), took
+    )
 
 
 def between(one: OpenSimRun, other: OpenSimRun) -> list[Agreement]:
@@ -122,18 +119,18 @@ def runs() -> str:
     rows = []
     for movement in MOVEMENTS:
         for tendon in TENDONS:
-            found, took = run(movement, tendon)
+            found = run(movement, tendon)
             wanted = mjhcmc.Motion.cosine(model(), movement).sample(found.time).qpos
             error = np.rad2deg(np.abs(found.qpos - wanted).max(axis=0))
             stored = summary(between(found, reference(movement, "cmc"))) if tendon == "compliant" else "   "
-            rows.append((f"{movement}, {tendon} tendons", "/".join(map(digits, error)), *stored, f"{took:.0f}"))
-    header = ("", "max error hip/knee/ankle, deg", "r with the stored run", "median RMS", "largest RMS", "time, s")
+            rows.append((f"{movement}, {tendon} tendons", "/".join(map(digits, error)), *stored))
+    header = ("", "max error hip/knee/ankle, deg", "r with the stored run", "median RMS", "largest RMS")
     return grid(header, rows)
 
 
 def tendons(movement: str) -> str:
     ours = solve("hcmc", movement, min_activation=FLOOR["cmc"])
-    found = {tendon: run(movement, tendon)[0] for tendon in TENDONS}
+    found = {tendon: run(movement, tendon) for tendon in TENDONS}
     columns = {
         **{f"HCMC and {tendon}": compare(ours, one, FLOOR["cmc"]) for tendon, one in found.items()},
         "rigid and compliant": between(found["rigid"], found["compliant"]),
@@ -167,7 +164,7 @@ def costs() -> str:
             for cell in summary(
                 compare(
                     solve("hcmc", movement, min_activation=FLOOR["cmc"], cost=cost),
-                    run(movement, "rigid")[0],
+                    run(movement, "rigid"),
                     FLOOR["cmc"],
                 )
             )

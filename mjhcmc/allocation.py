@@ -29,7 +29,7 @@ _INFEASIBLE = 1e-6  # reserves above this share of the muscles' strength are mor
 _POLISHING_STEPS = 20
 _POLISHED = 1e-14
 _NO_STRENGTH = 1e-9  # N m: a joint that no muscle moves
-_AT_BOUND = 1e-8  # of activation: nearer, a muscle counts as held by its bound
+_AT_BOUND = 1e-7  # of activation: nearer, a muscle counts as held by its bound
 _CANCELLATION = 1e-6  # of the terms that cancel in a stationary activation: what rounding leaves stays under 1e-9
 
 

@@ -15,14 +15,14 @@ from mjhcmc.errors import SettingsError, SimulationError
 NEWTON = "newton"
 """Our own solver, the default."""
 
-_PROVEN = 1e-8  # optimality residual: activations are then right to 1e-7
+_PROVEN = 1e-7  # optimality residual: activations are then right to 1e-6
 
 # Where a back end's defaults are coarser than the allocation wants: tolerances that it can meet.
 _OPTIONS: dict[str, dict[str, Any]] = {
     "osqp": {"eps_abs": 1e-10, "eps_rel": 1e-10, "polishing": True, "max_iter": 200_000},  # a first-order method
     "proxqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
     "piqp": {"eps_abs": 1e-10, "eps_rel": 1e-13, "eps_duality_gap_abs": 1e-10, "eps_duality_gap_rel": 1e-13},
-    "clarabel": {"tol_gap_abs": 1e-14, "tol_gap_rel": 1e-14, "tol_feas": 1e-12},
+    "clarabel": {"tol_gap_abs": 1e-14, "tol_gap_rel": 1e-16, "tol_feas": 1e-11},
 }
 
 _EXTRAS = {"jaxopt_osqp": "jaxopt"}  # of qpsolvers, where it goes by another name than the back end

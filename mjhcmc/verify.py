@@ -105,20 +105,20 @@ def _findings(
     found = []
     if solution.interrupted:
         found.append(f"interrupted at {solution.time[-1]:.3f} s: the rest of the motion was not solved")
+    scale = moment_scale(solution.net_joint_moment)
     for j, name in enumerate(solution.dof_names):
         unit = "N m" if solution.dof_is_rotation[j] else "N"
         verb = "exceeds" if share[j] > MAX_RESERVE_SHARE else "is within"
-        unmet = solution.shortfall[:, j] - solution.reserve[:, j]
         for what, values, against in (
-            ("reserve", solution.reserve[:, j], f" ({verb} {100 * MAX_RESERVE_SHARE:g} %)"),
-            ("unmet moment", unmet, ""),
+            ("reserve", solution.reserve, f" ({verb} {100 * MAX_RESERVE_SHARE:g} %)"),
+            ("unmet moment", solution.shortfall - solution.reserve, ""),
         ):
-            k = int(np.argmax(np.abs(values)))
-            part = abs(float(values[k])) / moment_scale(solution.net_joint_moment)[j]
+            k = int(np.argmax(np.abs(values[:, j])))
+            part = abs(float(values[k, j])) / scale[j]
             if part > RESERVE_SHARE:
                 found.append(
-                    f"{name}: {what} of {values[k]:.3g} {unit} at {solution.time[k]:.3f} s, {100 * part:.3g} % of the "
-                    f"peak moment{against}; {_saturated(solution, k)}"
+                    f"{name}: {what} of {values[k, j]:.3g} {unit} at {solution.time[k]:.3f} s, {100 * part:.3g} % of "
+                    f"the peak moment{against}; {_saturated(solution, k)}"
                 )
     for j, name in enumerate(solution.dof_names):
         if rms[j] > limit[j]:
