@@ -145,7 +145,7 @@ def unreachable() -> str:
         solution = solve(movement, "static")
         clipped = (solution.excitation <= 0) | (solution.excitation >= 1)
         windows = clipped.any(axis=1)
-        rows.append((movement, *cells([100 * clipped.mean(), 100 * windows.mean()], 2), *cells(degrees(solution)[0])))
+        rows.append((movement, *cells([100 * clipped.mean(), 100 * windows.mean()]), *cells(degrees(solution)[0])))
     header = ("", "excitations at 0 or 1, %", "windows with one, %", *(f"{joint} drift, deg" for joint in JOINTS))
     return grid(header, rows)
 

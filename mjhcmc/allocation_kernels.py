@@ -108,14 +108,18 @@ def newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _cholesky_solve(H, d):  # type: ignore[no-untyped-def]
-    """Solve H x = d in place for a positive definite H given by its lower triangle."""
+    """Solve H x = d in place for a positive definite H given by its lower triangle.
+
+    A pivot that cancels to nothing is kept above rounding: x is then still a direction of ascent.
+    """
     n = d.size
     for j in range(n):
+        least = ROUNDING * H[j, j]
         for k in range(j + 1):
             total = H[j, k]
             for i in range(k):
                 total -= H[j, i] * H[k, i]
-            H[j, k] = np.sqrt(total) if j == k else total / H[k, k]
+            H[j, k] = np.sqrt(max(total, least)) if j == k else total / H[k, k]
     for j in range(n):
         for i in range(j):
             d[j] -= H[j, i] * d[i]

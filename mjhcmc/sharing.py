@@ -9,12 +9,13 @@ What every method minimizes, at the activations a that supply the moments:
     stress   sum_i k_i (F_i/F0_i)^2     whole force over max isometric force; costs nothing extra at high velocity
 
 k are the user's weights, V = F0 lopt (relative to their mean) goes with the muscle's volume, F = gain a + bias is the
-muscle's whole force. Smoothness adds sum_i k_i sigma (a_i - a_before,i)^2 (for `cubic`, 3/2 of it).
+muscle's whole force. Smoothness adds sum_i k_i sigma (a_i - a_before,i)^2 (for `cubic` 3/2 of it, for `volume` with
+k_i V_i).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +35,7 @@ Array = NDArray[np.float64]
 
 _CUBIC_CONVEXITY = 1e-8  # quadratic part of the cubic cost: keeps it strictly convex at 0, moves a by 5e-9
 _LEAST_GAIN = 1e-2  # of F0: a muscle that gives less at full activation still costs something
+_MOST_SPREAD = 1e6  # of the weights: beyond, rounding decides
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,27 +131,30 @@ def share(
 
     Raises:
         SettingsError: an unknown cost, muscle or solver (the message lists the valid ones), a solver that is not
-            installed or cannot take the cost, values of the wrong shape or outside their range, a cost that the
-            model's muscles have no measure for.
+            installed or cannot take the cost, values of the wrong shape or outside their range, weights too far
+            apart, a cost that the model's muscles have no measure for.
     """
-    if cost not in COSTS:
+    if not isinstance(cost, str) or cost not in COSTS:
         raise SettingsError(f"unknown cost {cost!r}: choose one of {', '.join(COSTS)}")
     if not isinstance(solver, str):
         raise SettingsError(f"solver must be a name, such as {NEWTON!r}; got {solver!r}")
     check_solver(solver)
     if cost == "cubic" and solver != NEWTON:
         raise SettingsError(f"QP solver {solver!r} takes quadratic costs only: use solver {NEWTON!r} with cost 'cubic'")
-    if not (isinstance(smoothness, (int, float)) and 0 <= smoothness < np.inf):
+    if not (isinstance(smoothness, (int, float, np.integer, np.floating)) and 0 <= smoothness < np.inf):
         raise SettingsError(f"smoothness must be 0 or positive; got {smoothness!r}")
     k = by_muscle(model, "weights", weights, 1.0)
     _check_muscles(model, "weights", k, k > 0, "positive")
     least = by_muscle(model, "min_activation", min_activation, 0.0)
     _check_muscles(model, "min_activation", least, (least >= 0) & (least < 1), "at least 0 and below 1")
     least = np.minimum(least, model.excitation_range[:, 1])
-    off = np.array([name in disabled for name in model.muscle_names], dtype=bool)
     if isinstance(disabled, str):
         raise SettingsError(f"disabled must be a list of muscle names; got {disabled!r}: write [{disabled!r}]")
+    if not isinstance(disabled, Iterable):
+        raise SettingsError(f"disabled must be a list of muscle names; got {disabled!r}")
+    disabled = list(disabled)
     _check_names(model, "disabled", disabled)
+    off = np.array([name in disabled for name in model.muscle_names], dtype=bool)
     held_on = np.flatnonzero(off & (model.excitation_range[:, 0] > 0))
     if held_on.size:
         raise SettingsError(
@@ -159,11 +164,16 @@ def share(
     if off.all():
         raise SettingsError("disabled names every muscle: leave at least one")
     strength = model.max_isometric_force if cost in ("stress", "volume") else np.ones(model.n_muscle)
-    _check_measure(model, cost, strength, "a max isometric force")
+    _check_measure(model, cost, strength, "max isometric force")
     if cost == "volume":
         volume = strength * model.optimal_fiber_length
-        _check_measure(model, cost, volume, "an optimal fiber length")
+        _check_measure(model, cost, volume, "optimal fiber length")
         k = k * volume / volume.mean()
+    if k.max() > _MOST_SPREAD * k.min():
+        raise SettingsError(
+            f"weights (times volume, where it is the cost) span a factor of {k.max() / k.min():.0e}, at most "
+            f"{_MOST_SPREAD:.0e}: name muscles that are to do nothing in disabled"
+        )
     least = np.where(off, 0.0, least)
     options = {
         "cost": cost,
@@ -224,6 +234,6 @@ def _check_measure(model: MuscleModel, cost: str, values: Array, what: str) -> N
     missing = np.flatnonzero(~(np.isfinite(values) & (values > 0)))
     if missing.size:
         raise SettingsError(
-            f"cost {cost!r}: muscle {model.muscle_names[missing[0]]} has not {what} (its gain is not MuJoCo's muscle): "
+            f"cost {cost!r}: muscle {model.muscle_names[missing[0]]} has no {what} (only MuJoCo's own muscles tell): "
             "choose cost 'effort'"
         )

@@ -120,7 +120,7 @@ class _Cmc:
         check_flag("reserves", self.reserves)
         for name in ("look_ahead", "kp", "kv"):
             value = getattr(self, name)
-            if not (isinstance(value, (int, float)) and 0 < value < np.inf):
+            if not (isinstance(value, (int, float, np.integer, np.floating)) and 0 < value < np.inf):
                 raise SettingsError(f"{name} must be a positive number; got {value!r}")
 
     def settings(self) -> dict[str, Any]:

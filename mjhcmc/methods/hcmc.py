@@ -131,7 +131,7 @@ class _Hcmc:
             raise SettingsError(f"trials must be at least 1; got {self.trials!r}")
         for name, most in (("gain", _LARGEST_GAIN), ("authority", 1.0)):
             value = getattr(self, name)
-            if not (isinstance(value, (int, float)) and 0 < value <= most):
+            if not (isinstance(value, (int, float, np.integer, np.floating)) and 0 < value <= most):
                 raise SettingsError(f"{name} must be positive and at most {most:g}; got {value!r}")
 
     def settings(self) -> dict[str, Any]:

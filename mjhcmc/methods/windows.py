@@ -88,7 +88,7 @@ def prepare(
             "MuscleModel.load and Motion.from_file"
         )
     for name, value in (("dt", dt), ("physics_dt", physics_dt)):
-        if not (isinstance(value, (int, float, np.floating)) and math.isfinite(value) and value > 0):
+        if not (isinstance(value, (int, float, np.integer, np.floating)) and math.isfinite(value) and value > 0):
             raise SettingsError(f"{name} must be a positive number of seconds; got {value}")
     if motion.qpos.shape[1] != model.nq:
         raise MotionError(
