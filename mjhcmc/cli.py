@@ -63,7 +63,7 @@ def cli() -> None:
 @click.option("--unit", metavar="deg|rad", help="Unit of the angles, where the file does not say.")
 @click.option("--angles", default="joint", show_default=True, metavar="joint|segment", help="What the angles are of.")
 @click.option("--moments", type=_FILE, metavar="FILE", help="Net joint moments to share, in place of inverse dynamics.")
-@click.option("--cost", metavar="NAME", help="effort (a^2, the default), cubic (a^3), volume or stress.")
+@click.option("--cost", metavar="NAME", help="effort (a^2, the default), cubic, volume, stress or capacity.")
 @click.option("--weights", type=_FILE, metavar="FILE", help='JSON: {"muscle": weight}; more: does less.')
 @click.option("--smoothness", type=float, metavar="W", help="Weight of changes of activation beside the cost.")
 @click.option("--min-activation", type=float, metavar="A", help="Least activation of every muscle.")

@@ -2,14 +2,17 @@
 
 What every method minimizes, at the activations a that supply the moments:
 
-    effort   sum_i k_i a_i^2            as OpenSim's static optimization and, but for passive forces, its CMC
-    cubic    sum_i k_i a_i^3            cubed, as the stress in Crowninshield & Brand (1981),
+    effort    sum_i k_i a_i^2           as OpenSim's static optimization
+    cubic     sum_i k_i a_i^3           cubed, as the stress in Crowninshield & Brand (1981),
                                         doi 10.1016/0021-9290(81)90035-X
-    volume   sum_i k_i V_i a_i^2        larger muscles cost more
-    stress   sum_i k_i (F_i/F0_i)^2     whole force over max isometric force; costs nothing extra at high velocity
+    volume    sum_i k_i V_i a_i^2       larger muscles cost more
+    stress    sum_i k_i (F_i/F0_i)^2    whole force over max isometric force
+    capacity  sum_i k_i (F_i/gain_i)^2  whole force over the active force at full activation, as OpenSim's CMC:
+                                        effort but for passive force and fiber damping
 
 k are the user's weights, V = F0 lopt (relative to their mean) goes with the muscle's volume, F = gain a + bias is the
-muscle's whole force. Smoothness adds sum_i k_i sigma (a_i - a_before,i)^2 (for `cubic` 3/2 of it, for `volume` with
+muscle's whole force, gain what it can give actively at its length and velocity.
+Smoothness adds sum_i k_i sigma (a_i - a_before,i)^2 (for `cubic` 3/2 of it, for `volume` with
 k_i V_i).
 """
 
@@ -28,7 +31,7 @@ from mjhcmc.errors import SettingsError
 from mjhcmc.model import MuscleModel
 from mjhcmc.qp_back_ends import NEWTON, check_solver
 
-COSTS = ("effort", "cubic", "volume", "stress")
+COSTS = ("effort", "cubic", "volume", "stress", "capacity")
 """Names of the costs."""
 
 Array = NDArray[np.float64]
@@ -48,7 +51,7 @@ class Sharing:
         smoothness: sigma, 0 or positive.
         min_activation: (n_muscle,) least activation asked of each muscle.
         disabled: (n_muscle,) True for muscles that stay switched off.
-        strength: (n_muscle,) N, max isometric force; for `stress`, else ones.
+        strength: (n_muscle,) N, max isometric force; ones where the cost has no use for it.
         solver: ``"newton"`` or a qpsolvers back end.
         options: what the user asked for, as plain values for the record.
     """
@@ -93,6 +96,8 @@ class Sharing:
             gain = moments.gain / self.strength
             share = np.maximum(gain**2, _LEAST_GAIN**2)
             w, a0 = k * share, -moments.bias / self.strength * gain / share
+        elif self.cost == "capacity":
+            a0 = -moments.bias / np.maximum(moments.gain, _LEAST_GAIN * self.strength)
         elif self.cost == "cubic":
             w, cubic = _CUBIC_CONVEXITY * k, k
         if self.smoothness and before is not None:
@@ -163,7 +168,7 @@ def share(
         )
     if off.all():
         raise SettingsError("disabled names every muscle: leave at least one")
-    strength = model.max_isometric_force if cost in ("stress", "volume") else np.ones(model.n_muscle)
+    strength = model.max_isometric_force if cost in ("volume", "stress", "capacity") else np.ones(model.n_muscle)
     _check_measure(model, cost, strength, "max isometric force")
     if cost == "volume":
         volume = strength * model.optimal_fiber_length

@@ -115,7 +115,7 @@ def test_export_for_opensim(run, mot, tmp_path, no_figures):
     ("arguments", "words"),
     [
         (["--method", "moco"], ["moco", "hcmc, cmc, static"]),
-        (["--cost", "energy"], ["energy", "effort, cubic, volume, stress"]),
+        (["--cost", "energy"], ["energy", "effort, cubic, volume, stress, capacity"]),
         (["--solver", "simplex"], ["simplex", "newton", "daqp"]),
         (["--disable", "biceps"], ["biceps", "iliopsoas", "tib_ant"]),
         (["--min-activation", "1.5"], ["min_activation", "1.5"]),

@@ -53,6 +53,17 @@ def test_from_motion_to_excitations(run):
     assert str(files["swing.parquet"]) in out
 
 
+def test_compare_methods(run):
+    names, out, files = run("04_compare_methods.py")
+    largest = {name: np.abs(s.tracking_error).max(axis=0) for name, s in names["solutions"].items()}
+    assert np.all(largest["hcmc"] < largest["cmc"])
+    assert np.all(largest["cmc"] < largest["static"])
+    assert {"methods.png", "moments.png", "fast_controls.sto", "fast_states.sto"} <= set(files)
+    carried = [float(line.split()[1]) for line in out.splitlines() if "N m at the knee" in line]
+    hcmc = names["hcmc"]
+    assert sum(carried) == pytest.approx(hcmc.net_joint_moment[names["node"], names["knee"]], abs=0.5)
+
+
 def test_your_own_model(run):
     names, out, _ = run("02_your_own_model.py")
     solution, beyond = names["solution"], names["beyond"]

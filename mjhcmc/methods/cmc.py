@@ -75,8 +75,7 @@ def cmc(
         initial_qvel: (nv,) rad/s or m/s.
         initial_activation: (n_muscle,) or one number.
         reserves: apply to the joints what the muscles cannot give; without, the slow target takes over.
-        cost: what is least. OpenSim's CMC divides each force by what the muscle could give actively at its length and
-            velocity, so that its cost is effort, but for passive forces.
+        cost: what is least; OpenSim's CMC takes ``"capacity"``.
         weights: by muscle.
         smoothness: weight of (change of activation)^2.
         min_activation: least activation.

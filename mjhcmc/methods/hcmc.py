@@ -82,7 +82,7 @@ def hcmc(
         initial_activation: (n_muscle,) or one number; by default the allocation of the first desired acceleration.
         reserves: apply to the joints what the muscles cannot give. Without, the muscles do what they can.
         cost: what is least where muscles can share: ``"effort"`` (sum a^2), ``"cubic"`` (sum a^3), ``"volume"``
-            (sum V a^2) or ``"stress"`` (sum (F/F0)^2); see `sharing`.
+            (sum V a^2), ``"stress"`` (sum (F/F0)^2) or ``"capacity"`` (sum (F/gain)^2); see `sharing`.
         weights: more for muscles that are to do less: by muscle name (1 for the others), or (n_muscle,); positive.
         smoothness: weight of (change of activation over a window)^2 beside the cost; 0: none.
         min_activation: least activation: one number, by muscle name, or (n_muscle,).

@@ -210,6 +210,7 @@ class Record:
         everything = {
             "model": model.name,
             "motion": windows.motion.name,
+            "joint_moments": windows.moments_name,
             "dt": windows.dt,
             "physics_dt": plant.physics_dt,
             **self.settings,
