@@ -12,9 +12,9 @@ from matplotlib.colors import to_hex, to_rgb
 from numpy.testing import assert_allclose, assert_array_equal
 
 import mjhcmc
-from mjhcmc.moment_plot import MUSCLE_COLORS
-from mjhcmc.panels import ORANGE
 from mjhcmc.plotting import excitation_figure, moment_figure, save_figure
+from mjhcmc.plotting.moments import MUSCLE_COLORS
+from mjhcmc.plotting.panels import ORANGE
 
 
 @pytest.fixture(scope="module")

@@ -212,14 +212,15 @@ def _feedback(
     plant.set_input(None, reserve)
     plant.forward()
     reach = np.linalg.solve(dynamics.mass_matrix(plant), dynamics.muscle_moments(plant).B)
-    alpha = settings.authority * np.minimum(np.maximum(reach, 0).sum(axis=1), np.maximum(-reach, 0).sum(axis=1))
+    alpha = float(settings.authority) * np.minimum(np.maximum(reach, 0).sum(axis=1), np.maximum(-reach, 0).sum(axis=1))
     if settings.reserves:
         alpha = np.maximum(alpha, np.sqrt((reference.qacc**2).mean(axis=0)))
     e = np.abs(reference.qpos[k] - state.qpos)
     e_rate = np.abs(reference.qvel[k] - state.qvel)
     denominator = e_rate + np.sqrt(e_rate**2 + alpha * e)
     limited = (denominator > 0) & (alpha > 0)
-    fastest = settings.gain / windows.dt
+    gain = float(settings.gain)
+    fastest = gain / windows.dt
     w = np.full(windows.model.nv, fastest)
     w[limited] = np.minimum(w[limited], alpha[limited] / denominator[limited])
-    return w**2, 2 * w * np.where(w < fastest, 1.0, 1 - settings.gain / 6)
+    return w**2, 2 * w * np.where(w < fastest, 1.0, 1 - gain / 6)

@@ -92,6 +92,7 @@ def prepare(
     for name, value in (("dt", dt), ("physics_dt", physics_dt)):
         if not (isinstance(value, (int, float, np.integer, np.floating)) and math.isfinite(value) and value > 0):
             raise SettingsError(f"{name} must be a positive number of seconds; got {value}")
+    dt, physics_dt = float(dt), float(physics_dt)  # a number of single precision would spoil what it meets
     if motion.qpos.shape[1] != model.nq:
         raise MotionError(
             f"motion {motion.name!r} has {motion.qpos.shape[1]} joints, model {model.name!r} has {model.nq} "

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.errors import SettingsError
-from mjhcmc.panels import AXIS, BLUE, VERMILLION, Sheet, columns_for, finish, headline, note, style
+from mjhcmc.plotting.panels import AXIS, BLUE, VERMILLION, Sheet, columns_for, finish, headline, note, style
 from mjhcmc.solution import Solution
 
 if TYPE_CHECKING:

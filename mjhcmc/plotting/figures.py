@@ -18,10 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc.activity import Activity
 from mjhcmc.errors import SettingsError
-from mjhcmc.fiber_plot import detail_figure as detail_figure
 from mjhcmc.io.files import written_whole
-from mjhcmc.moment_plot import moment_figure as moment_figure
-from mjhcmc.panels import (
+from mjhcmc.plotting.panels import (
     AXIS,
     BLUE,
     DESIRED,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.errors import SettingsError
-from mjhcmc.panels import (
+from mjhcmc.plotting.panels import (
     AXIS,
     INK,
     ORANGE,

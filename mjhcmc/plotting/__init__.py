@@ -1,0 +1,14 @@
+"""Figures for a person, as plain `matplotlib.figure.Figure` objects; degrees on screen, SI inside."""
+
+from mjhcmc.plotting.fibers import detail_figure
+from mjhcmc.plotting.figures import convergence_figure, excitation_figure, save_figure, tracking_figure
+from mjhcmc.plotting.moments import moment_figure
+
+__all__ = [
+    "convergence_figure",
+    "detail_figure",
+    "excitation_figure",
+    "moment_figure",
+    "save_figure",
+    "tracking_figure",
+]
