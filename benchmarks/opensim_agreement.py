@@ -69,6 +69,14 @@ def reference(movement: str, method: str) -> OpenSimRun:
     return run
 
 
+def tracking_error(run: OpenSimRun, movement: str) -> NDArray[np.float64]:
+    """(n, 3) deg: actual minus desired angles of OpenSim's leg, at its own times within the movement."""
+    motion = mjhcmc.Motion.cosine(model(), movement)
+    inside = run.time <= motion.end + 1e-9
+    assert run.qpos is not None  # OpenSim's CMC has angles
+    return np.asarray(np.rad2deg(run.qpos[inside] - motion.sample(run.time[inside]).qpos))
+
+
 def compare(solution: mjhcmc.Solution, run: OpenSimRun, floor: float) -> list[Agreement]:
     """Muscle by muscle, on OpenSim's times."""
     kept = (run.time >= LEFT_OUT) & (run.time <= solution.time[-1])
@@ -99,7 +107,7 @@ def summary(found: Sequence[Agreement]) -> tuple[str, str, str]:
 
 
 def markdown() -> str:
-    sections = ["### Joint moments, fast\n\n" + moments()]
+    sections = ["### Joint moments, fast\n\n" + moments(), "### What the window adds, fast\n\n" + ripple()]
     for method, name in REFERENCES.items():
         for movement in MOVEMENTS:
             sections.append(f"### Against OpenSim's {name}, {movement}\n\n" + muscles(movement, method))
@@ -118,18 +126,42 @@ def moments() -> str:
     table: NDArray[np.float64] = np.array([line.split(",") for line in lines[1:]], dtype=np.float64)
     time, wanted = table[:, 0], np.column_stack([table[:, names.index(f"tau_{joint}")] for joint in JOINTS])
 
+    peak = np.abs(wanted).max(axis=0)
+
     def row(what: str, moment: NDArray[np.float64], at: NDArray[np.float64]) -> tuple[str, ...]:
         nearest = np.abs(time[:, None] - at).argmin(axis=0)
         assert np.allclose(time[nearest], at, atol=1e-6)
-        error = np.sqrt(((moment - wanted[nearest]) ** 2).mean(axis=0))
-        return (what, *map(digits, np.abs(moment).max(axis=0)), *map(digits, error))
+        return (what, *map(digits, np.abs(moment).max(axis=0)), *shares(moment - wanted[nearest], peak))
 
-    rows = [("OpenSim, inverse dynamics", *map(digits, np.abs(wanted).max(axis=0)), *"   ")]
+    rows = [("OpenSim, inverse dynamics", *map(digits, peak), *"   ")]
     rows.append(row("leg8's bodies, moved exactly", exact_moment(time), time))
     for method in METHODS:
-        solution = solve(method, "fast")
-        rows.append(row(TITLE.get(method, method), solution.net_joint_moment, solution.time))
+        for dt in (0.01, 0.005) if method == "hcmc" else (0.01,):
+            solution = solve(method, "fast", dt=dt)
+            title = f"{TITLE.get(method, method)}, dt {1e3 * dt:g} ms"
+            rows.append(row(title, solution.net_joint_moment, solution.time))
     header = ("", *(f"{joint} peak, N m" for joint in JOINTS), *(f"{joint} RMS difference" for joint in JOINTS))
+    return grid(header, rows)
+
+
+def shares(error: NDArray[np.float64], peak: NDArray[np.float64]) -> list[str]:
+    """Root mean squares over time, N m, each with its share of OpenSim's peak."""
+    root = np.sqrt((error**2).mean(axis=0))
+    return [f"{digits(value)} ({digits(100 * part, 2)} %)" for value, part in zip(root, root / peak, strict=True)]
+
+
+def ripple() -> str:
+    """HCMC's net joint moments at the nodes against those of leg8 moved exactly, by dt."""
+    rows, last = [], None
+    for dt, physics_dt in ((0.01, 0.001), (0.005, 0.001), (0.0025, 0.0005), (0.00125, 0.00025)):
+        solution = solve("hcmc", "fast", dt=dt, physics_dt=physics_dt)
+        exact = exact_moment(solution.time)
+        error = solution.net_joint_moment - exact
+        root = np.sqrt((error**2).mean(axis=0))
+        order = ["–"] * 3 if last is None else [f"{value:.1f}" for value in np.log2(last / root)]
+        rows.append((f"{1e3 * dt:g}", *shares(error, np.abs(exact).max(axis=0)), *order))
+        last = root
+    header = ("dt, ms", *(f"{joint} RMS, N m" for joint in JOINTS), *(f"{joint} order" for joint in JOINTS))
     return grid(header, rows)
 
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from mjhcmc.solution import Solution
 
 _FILE = click.Path(path_type=Path)
+_quiet = click.option("--quiet", is_flag=True, help="No progress bar, no summary, no notices: errors only.")
 _verbose = click.option("-v", "--verbose", count=True, help="Log what is done on standard error; twice: in detail.")
 
 
@@ -71,7 +72,7 @@ def cli() -> None:
 @click.option("--solver", default="newton", show_default=True, help="newton, or a qpsolvers back end (daqp, osqp ...).")
 @click.option("--opensim", is_flag=True, help="Write controls and states for OpenSim, too.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the summary.")
-@click.option("--quiet", is_flag=True, help="No progress bar, no summary, no notices: errors only.")
+@_quiet
 @_verbose
 @click.option("--out", required=True, type=_FILE, metavar="DIR", help="Folder for the results.")
 def solve(
@@ -131,6 +132,10 @@ def solve(
         options["joint_moments"] = mjhcmc.JointMoments.from_file(moments, muscle_model, column_map)
         for motion in read:
             options["joint_moments"].check_covers(motion, muscle_model)
+    if opensim:
+        from mjhcmc.io.export import check_names
+
+        check_names(muscle_model)
     with output_folder(out) as folder:
         results = {}
         for motion in read:
@@ -179,7 +184,8 @@ def _solve_one(
 
 
 def _read_weights(path: Path) -> dict[str, float]:
-    """Weights by muscle from a JSON file; their names and values are checked against the model later."""
+    """Weights by muscle from a JSON file; names and ranges are checked against the model later."""
+    from mjhcmc.checks import is_number
     from mjhcmc.errors import SettingsError
 
     try:
@@ -190,6 +196,11 @@ def _read_weights(path: Path) -> dict[str, float]:
         raise SettingsError(f'weights {path}: not JSON ({error}): give {{"muscle": weight}}') from None
     if not isinstance(content, dict):
         raise SettingsError(f'weights {path}: holds no object: give {{"muscle": weight}}')
+    for name, value in content.items():
+        if not is_number(value):
+            told = json.dumps(value)
+            told = told if len(told) <= 40 else f"{told[:37]}..."
+            raise SettingsError(f"weights {path}: that of {name} is {told}, no number: give a positive one")
     return content
 
 
@@ -201,9 +212,14 @@ def _read_weights(path: Path) -> dict[str, float]:
     "--out", type=_FILE, metavar="DIR", help="Folder for the results; ./mjhcmc-reproduce, or nothing with --json."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+@_quiet
 @_verbose
-def reproduce(movement: str, dt: float, physics_dt: float, out: Path | None, as_json: bool, verbose: int) -> int:
+def reproduce(
+    movement: str, dt: float, physics_dt: float, out: Path | None, as_json: bool, quiet: bool, verbose: int
+) -> int:
     """The paper's experiment, by every method: table, figures, verdict."""
+    if quiet:
+        warnings.simplefilter("ignore", MjhcmcWarning)
     click.get_current_context().with_resource(told(verbose))
     import mjhcmc
     from mjhcmc.plotting import excitation_figure
@@ -214,23 +230,23 @@ def reproduce(movement: str, dt: float, physics_dt: float, out: Path | None, as_
         out = Path("mjhcmc-reproduce")
     files: list[str] = []
     if out is None:
-        with progress_bar(as_json) as progress:
+        with progress_bar(quiet or as_json) as progress:
             result = run(movement, dt, physics_dt, progress)
     else:
         with output_folder(out) as folder:
             try:
-                with progress_bar(as_json) as progress:
+                with progress_bar(quiet or as_json) as progress:
                     result = run(movement, dt, physics_dt, progress)
             except mjhcmc.SolveInterrupted as stop:
                 if stop.solution is not None:
-                    _write(stop.solution, folder)
+                    click.echo(f"written  {', '.join(_write(stop.solution, folder))}", err=True)
                 raise
             files = _write(result.solutions["hcmc"], folder)
             overlay = None if result.opensim is None else {"OpenSim 4.6 CMC": result.opensim.activity}
             files += _save({"methods": partial(excitation_figure, result.solutions, overlay)}, folder)
     if as_json:
         click.echo(json.dumps(result.numbers()))
-    else:
+    elif not quiet:
         click.echo(result.screen())
         click.echo(f"written  {', '.join(files)}")
     return 0 if result.passed else 1

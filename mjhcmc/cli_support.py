@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import signal
 import sys
 import threading
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from mjhcmc.errors import MjhcmcWarning, OutputError
+from mjhcmc.log import get_logger
 
 if TYPE_CHECKING:
     from mjhcmc.methods.run import Progress
@@ -22,14 +24,68 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 """Exit code after an interrupt."""
 
+_log = get_logger(__name__)
+
+_ENGINE_NOTICES = 5  # of MuJoCo shown in all; every one is in the log (-vv)
+_ENGINE_KIND = re.compile(r" in Q[A-Z]+ at |\d")  # where, which number, when: what differs within one kind of warning
+
+
+def _word(name: str) -> str:
+    """A pattern of a Python name as a word of a message: in no path, and not quoted, as what users name is."""
+    return rf"(?<![\w./\\'\"-]){name}(?![\w/\\'\"-]|\.\w)"
+
+
+_NUMBER = r"-?(?:[\d.]|inf|nan)"
+_IN_OPTIONS: tuple[tuple[re.Pattern[str], str], ...] = tuple(
+    (re.compile(pattern), option)
+    for pattern, option in (
+        (_word("angle_unit"), "--unit"),
+        (_word("column_map"), "--map"),
+        (_word("joint_moments"), "--moments"),
+        (_word("lowpass_hz"), "--lowpass"),
+        (_word("min_activation"), "--min-activation"),
+        (_word("physics_dt"), "--physics-dt"),
+        (_word("initial_(?:qpos|qvel|activation)"), "the start of the motion"),
+        # plain words, where they are arguments
+        (_word("dt") + rf"(?= {_NUMBER}| must|:|,|$)", "--dt"),
+        (_word("disabled") + "(?=:| must| names every)", "--disable"),
+        (r"(?<=to do nothing in )disabled\b", "--disable"),
+        (_word("(smoothness|weights)") + r"(?= must| of \S+ must| span|:)", r"--\1"),
+        (_word("angles") + "(?= ')", "--angles"),
+        (_word("(start|end)") + rf"(?= {_NUMBER}\S* s\b)", r"--\1"),
+        (r"\bwith start and end\b", "with --start and --end"),
+        (r"\ba column map\b(?! \()", "a column map (--map)"),
+    )
+)
+"""Names of arguments in messages of the library, and what a user of the command line knows them by."""
+
+
+def in_options(message: str) -> str:
+    """A message of the library in terms of the command line."""
+    for pattern, option in _IN_OPTIONS:
+        message = pattern.sub(option, message)
+    return message
+
 
 @contextmanager
 def engine_notices() -> Iterator[None]:
-    """MuJoCo's warnings as notices; left alone, it prints them and writes a MUJOCO_LOG.TXT where the user stands."""
+    """MuJoCo's warnings as notices; left alone, it prints them and writes a MUJOCO_LOG.TXT where the user stands.
+
+    One of a kind: a simulation that diverges warns of each joint's position, velocity and acceleration, at each try.
+    """
     import mujoco
 
+    shown: set[str] = set()
+
+    def notice(text: str) -> None:
+        _log.debug("MuJoCo: %s", text)
+        kind = _ENGINE_KIND.split(text, maxsplit=1)[0]
+        if kind not in shown and len(shown) < _ENGINE_NOTICES:
+            shown.add(kind)
+            warnings.warn(f"MuJoCo: {text}", MjhcmcWarning, stacklevel=1)
+
     before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda text: warnings.warn(f"MuJoCo: {text}", MjhcmcWarning, stacklevel=1))
+    mujoco.set_mju_user_warning(notice)
     try:
         yield
     finally:
@@ -135,12 +191,12 @@ def told(verbose: int) -> Iterator[None]:
 def show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     """A notice as one line on standard error."""
     if issubclass(category, MjhcmcWarning):
-        click.echo(f"mjhcmc: notice: {_one_line(str(message))}", err=True)
+        click.echo(f"mjhcmc: notice: {in_options(_one_line(str(message)))}", err=True)
 
 
 def fail(message: str) -> NoReturn:
     """One line on standard error, and exit code 2."""
-    click.echo(f"mjhcmc: error: {_one_line(message)}", err=True)
+    click.echo(f"mjhcmc: error: {in_options(_one_line(message))}", err=True)
     sys.exit(2)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -16,6 +17,7 @@ from mjhcmc.plant import MujocoPlant, State
 from mjhcmc.reactions import joint_reactions, reactions_unknown
 
 if TYPE_CHECKING:
+    from mjhcmc.model import MuscleModel
     from mjhcmc.solution import Solution
 
 
@@ -44,9 +46,7 @@ class Detail:
         muscle_moment: (N+1, n_muscle, nv) N m or N, what each muscle adds to each net joint moment, R_ij F_i.
         active_moment: (N+1, n_muscle, nv) N m or N, the part of it that is proportional to activation.
         passive_moment: (N+1, n_muscle, nv) N m or N, the rest: passive fiber force and fiber damping.
-        joint_reaction_force: (N+1, njnt, 3) N, on the child body, in the world's axes (`reactions.joint_reactions`).
-        joint_reaction_moment: (N+1, njnt, 3) N m, on the child body, about the joint's anchor, in the world's axes.
-            Reactions are NaN, with an `MjhcmcWarning`, where something acts on the bodies at a place not known.
+        solution: what all this follows from.
     """
 
     musculotendon_length: NDArray[np.float64]
@@ -59,13 +59,52 @@ class Detail:
     muscle_moment: NDArray[np.float64]
     active_moment: NDArray[np.float64]
     passive_moment: NDArray[np.float64]
-    joint_reaction_force: NDArray[np.float64]
-    joint_reaction_moment: NDArray[np.float64]
+    solution: Solution = field(repr=False)
+
+    @property
+    def joint_reaction_force(self) -> NDArray[np.float64]:
+        """(N+1, njnt, 3) N, on the child body, in the world's axes (`reactions.joint_reactions`).
+
+        Reactions are computed when first asked for. They are NaN, with an `MjhcmcWarning`, where something acts on the
+        bodies at a place that is not known.
+        """
+        return self._reactions[0]
+
+    @property
+    def joint_reaction_moment(self) -> NDArray[np.float64]:
+        """(N+1, njnt, 3) N m, on the child body, about the joint's anchor, in the world's axes; NaN as the force is."""
+        return self._reactions[1]
+
+    @cached_property
+    def _reactions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Force and moment."""
+        plant = MujocoPlant(_model_of(self.solution))
+        shape = len(self.solution.time), plant.mj_model.njnt, 3
+        force, moment = np.full(shape, np.nan), np.full(shape, np.nan)
+        unknown = reactions_unknown(plant)
+        if self.solution.external_load.any():
+            unknown = (
+                unknown or "where the loads from outside act on the bodies is not recorded: solve without joint_moments"
+            )
+        if unknown:
+            warnings.warn(
+                f"model {plant.model.name!r}: joint reactions are not known (NaN): {unknown}",
+                MjhcmcWarning,
+                stacklevel=4,  # where a reaction is read: past this, the cache and the property
+            )
+        else:
+            for k in range(len(force)):
+                _put_at_node(plant, self.solution, k)
+                force[k], moment[k] = joint_reactions(plant)
+        force.flags.writeable = moment.flags.writeable = False
+        return force, moment
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
         for item in fields(self):
-            getattr(self, item.name).flags.writeable = False
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
 
 
 def detail_of(solution: Solution) -> Detail:
@@ -74,36 +113,16 @@ def detail_of(solution: Solution) -> Detail:
     Raises:
         SimulationError: the solution does not know its model (it was read from a file without one).
     """
-    model = solution.model
-    if model is None:
-        raise SimulationError(
-            "this solution was read from a file and does not know its model: read it with Solution.load(path, "
-            "model=...) to see its detail"
-        )
-    plant = MujocoPlant(model)
-    unknown = reactions_unknown(plant)
-    if solution.external_load.any():
-        unknown = (
-            unknown or "where the loads from outside act on the bodies is not recorded: solve without joint_moments"
-        )
-    if unknown:
-        warnings.warn(
-            f"model {model.name!r}: joint reactions are not known (NaN): {unknown}", MjhcmcWarning, stacklevel=2
-        )
-    n, m, v = len(solution.time), model.n_muscle, model.nv
+    plant = MujocoPlant(_model_of(solution))
+    n, m, v = len(solution.time), plant.model.n_muscle, plant.model.nv
     length, velocity, force = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
     active, passive = np.empty((n, m, v)), np.empty((n, m, v))
-    reaction_force, reaction_moment = np.full((n, v, 3), np.nan), np.full((n, v, 3), np.nan)
-    rows = plant.mj_model.actuator_outadr[model.muscle_ids]
+    rows = plant.mj_model.actuator_outadr[plant.model.muscle_ids]
     for k in range(n):
         activation = solution.activation[k]
-        plant.set_state(State(float(solution.time[k]), solution.qpos[k], solution.qvel[k], activation, np.zeros(v)))
-        plant.set_input(None, solution.reserve[min(k, solution.n_window - 1)] + solution.external_load[k])
-        plant.forward()
+        _put_at_node(plant, solution, k)
         length[k] = plant.mj_data.actuator_length[rows]
         velocity[k] = plant.mj_data.actuator_velocity[rows]
-        if not unknown:
-            reaction_force[k], reaction_moment[k] = joint_reactions(plant)
         R = dynamics.moment_arms(plant)
         parts = dynamics.muscle_moments(plant)  # leaves the actuator forces at activation 0
         active[k] = R * (parts.gain * activation)[:, None]
@@ -123,9 +142,25 @@ def detail_of(solution: Solution) -> Detail:
         muscle_moment=active + passive,
         active_moment=active,
         passive_moment=passive,
-        joint_reaction_force=reaction_force,
-        joint_reaction_moment=reaction_moment,
+        solution=solution,
     )
+
+
+def _model_of(solution: Solution) -> MuscleModel:
+    if solution.model is None:
+        raise SimulationError(
+            "this solution was read from a file and does not know its model: read it with Solution.load(path, "
+            "model=...) to see its detail"
+        )
+    return solution.model
+
+
+def _put_at_node(plant: MujocoPlant, solution: Solution, k: int) -> None:
+    """The state of a node, under the reserve of the window that starts there and the load from outside."""
+    at_rest = np.zeros(plant.model.nv)
+    plant.set_state(State(float(solution.time[k]), solution.qpos[k], solution.qvel[k], solution.activation[k], at_rest))
+    plant.set_input(None, solution.reserve[min(k, solution.n_window - 1)] + solution.external_load[k])
+    plant.forward()
 
 
 def _gear(plant: MujocoPlant) -> NDArray[np.float64]:

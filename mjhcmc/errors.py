@@ -35,6 +35,10 @@ class SimulationError(MjhcmcError):
     solution: "Solution | None" = None
 
 
+class DivergedError(SimulationError):
+    """A simulation that ran away: its state is not finite."""
+
+
 class OutputError(MjhcmcError):
     """A result that cannot be written, or a result file that cannot be read."""
 

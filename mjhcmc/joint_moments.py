@@ -4,7 +4,7 @@ They come from a fuller account of the motion than this package's: measured grou
 differ by from the inverse dynamics of the model alone must act on it from outside, or the model could not move like
 that: this difference, the implied load
 
-    E(t) = M q''_d + bias - passive - other actuators - Q(t)     along the desired motion,
+    E(t) = M q''_d + bias - passive - limits and contacts - other actuators - Q(t)     along the desired motion,
 
 is applied to the plant as generalized forces, so that muscles which give Q(t) make it follow the motion.
 """
@@ -12,8 +12,10 @@ is applied to the plant as generalized forces, so that muscles which give Q(t) m
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc import dynamics
-from mjhcmc.errors import MotionError
+from mjhcmc.errors import MjhcmcWarning, MotionError
 from mjhcmc.joints import TIME_TOLERANCE
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
 from mjhcmc.plant import External, MujocoPlant, State
 
 Array = NDArray[np.float64]
+
+_OVERSHOOT = 0.05  # of a column's range
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +109,38 @@ class JointMoments:
                 f"{self.name} has {self.moment.shape[1]} columns, model {model.name!r} has {model.nv} joints "
                 f"({', '.join(model.dof_names)}): give one column a joint"
             )
+        if notice := self._overshoot_notice():
+            warnings.warn(notice, MjhcmcWarning, stacklevel=4)
         if self.time[0] > motion.start + TIME_TOLERANCE or self.time[-1] < motion.end - TIME_TOLERANCE:
             raise MotionError(
                 f"{self.name} covers {self.time[0]:.6g} .. {self.time[-1]:.6g} s, the motion {motion.name!r} "
                 f"{motion.start:.6g} .. {motion.end:.6g} s: give moments for all of it, or crop it with start and end"
             )
+
+    def sample(self, times: Array) -> Array:
+        """The moments (n, nv) N m at times (n,) s; outside their own times, those at the nearest end."""
+        held: Array = self._spline(np.clip(times, self.time[0], self.time[-1]))
+        return held
+
+    @cached_property
+    def _spline(self) -> Any:
+        from scipy.interpolate import make_interp_spline
+
+        return make_interp_spline(self.time, self.moment, k=3)
+
+    def _overshoot_notice(self) -> str | None:
+        """One line where the spline swings well beyond the rows, as at steps and in coarse tables."""
+        between = self._spline(np.linspace(self.time[0], self.time[-1], 8 * len(self.time)))
+        low, high = self.moment.min(axis=0), self.moment.max(axis=0)
+        beyond = np.maximum(low - between.min(axis=0), between.max(axis=0) - high)
+        share = beyond / np.maximum(high - low, np.abs(self.moment).max() * 1e-3 + np.finfo(float).tiny)
+        j = int(np.argmax(share))
+        if share[j] <= _OVERSHOOT:
+            return None
+        return (
+            f"{self.name}: between its rows the spline of column {j + 1} exceeds them by {beyond[j]:.3g}: the rows are "
+            "coarse or have steps; give more rows, or smooth them"
+        )
 
     def implied_load(self, plant: MujocoPlant, motion: Motion) -> External:
         """E(t) of the module's docstring, as a cubic spline on the grid of the plant's physics steps.

@@ -91,17 +91,20 @@ class MuscleModel:
 
     @property
     def max_isometric_force(self) -> NDArray[np.float64]:
-        """(n_muscle,) N, F0 along the tendon of MuJoCo's muscles; NaN for other gains.
+        """(n_muscle,) N, F0 of MuJoCo's muscles before any gear, without pennation; NaN for affine and user gains.
 
-        Where ``force`` is left out, MuJoCo takes ``scale`` over the acceleration that a unit force gives.
+        Where ``force`` is left out, MuJoCo takes ``scale`` over the acceleration that a unit force gives. Of a fixed
+        gain it is the magnitude, the force at full activation.
         """
         m, i = self.mj_model, self.muscle_ids
         force, scale = m.actuator_gainprm[i, 2], m.actuator_gainprm[i, 3]
-        return self._if_muscle_gain(np.where(force < 0, scale / np.maximum(mujoco.mjMINVAL, m.actuator_acc0[i]), force))
+        F0 = self._if_muscle_gain(np.where(force < 0, scale / np.maximum(mujoco.mjMINVAL, m.actuator_acc0[i]), force))
+        is_fixed = m.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
+        return np.where(is_fixed, np.abs(m.actuator_gainprm[i, 0]), F0)
 
     @property
     def optimal_fiber_length(self) -> NDArray[np.float64]:
-        """(n_muscle,) m, L0 along the tendon of MuJoCo's muscles; NaN for other gains."""
+        """(n_muscle,) m, L0 of MuJoCo's muscles, along the tendon and times any gear; NaN for other gains."""
         m, i = self.mj_model, self.muscle_ids
         with np.errstate(divide="ignore", invalid="ignore"):  # other gains have no such range
             length = np.ptp(m.actuator_lengthrange[i], axis=1) / np.ptp(m.actuator_gainprm[i, :2], axis=1)

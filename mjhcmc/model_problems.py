@@ -98,10 +98,22 @@ def find_problems(m: Any, name: str) -> tuple[Problem, ...]:
     """
     muscles = muscle_ids_of(m)
     names = names_of(m, mujoco.mjtObj.mjOBJ_ACTUATOR, muscles, "muscle")
-    found = [*_joint_problems(m)]
+    found = [*_joint_problems(m), *_state_problems(m)]
     for i, muscle in zip(muscles, names, strict=True):
         found += [Problem(what, f"muscle {muscle!r}", remedy) for what, remedy in _muscle_problems(m, int(i))]
     return (*found, *_moment_clamps(m), *_text_problems(m, name, names))
+
+
+def _state_problems(m: Any) -> Iterator[Problem]:
+    """Other actuators with a state that no window starts from: the plant's state is joints and muscle activation."""
+    others = [i for i in range(m.nactuator) if m.actuator_dyntype[i] != mujoco.mjtDyn.mjDYN_MUSCLE]
+    for i, name in zip(others, names_of(m, mujoco.mjtObj.mjOBJ_ACTUATOR, others, "actuator"), strict=True):
+        kind = mujoco.mjtDyn(m.actuator_dyntype[i])
+        if kind != mujoco.mjtDyn.mjDYN_NONE:
+            what = f"has a state of its own (dyntype {kind.name.removeprefix('mjDYN_').lower()})"
+            yield Problem(what, f"actuator {name!r}", "remove its dyntype or timeconst")
+        elif m.actuator_delay[i] > 0:
+            yield Problem(f"has a delay of {m.actuator_delay[i]:g} s", f"actuator {name!r}", "remove delay")
 
 
 def _joint_problems(m: Any) -> Iterator[Problem]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
 from collections.abc import Iterator
 from importlib.metadata import metadata
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mjhcmc.allocation import Allocation, AllocationProblem, with_multiplier
+from mjhcmc.allocation import Allocation, AllocationProblem, build_problem, with_multiplier
 from mjhcmc.errors import SettingsError, SimulationError
 
 NEWTON = "newton"
@@ -17,45 +18,92 @@ NEWTON = "newton"
 
 _PROVEN = 1e-7  # optimality residual: activations are then right to 1e-6
 
-# Where a back end's defaults are coarser than the allocation wants: tolerances that it can meet.
+# Of those that agree with ours on recorded problems: tolerances that they can meet, where the defaults are coarser.
 _OPTIONS: dict[str, dict[str, Any]] = {
+    "daqp": {},
+    "quadprog": {},
+    "pyqpmad": {},
+    "highs": {  # the regularization of its Hessian is an error of the answer
+        "primal_feasibility_tolerance": 1e-10,
+        "dual_feasibility_tolerance": 1e-10,
+        "qp_regularization_value": 0.0,
+    },
     "osqp": {"eps_abs": 1e-10, "eps_rel": 1e-10, "polishing": True, "max_iter": 200_000},  # a first-order method
     "proxqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
     "piqp": {"eps_abs": 1e-10, "eps_rel": 1e-13, "eps_duality_gap_abs": 1e-10, "eps_duality_gap_rel": 1e-13},
     "clarabel": {"tol_gap_abs": 1e-14, "tol_gap_rel": 1e-16, "tol_feas": 1e-11},
+    "cvxopt": {"abstol": 1e-13, "reltol": 1e-13, "feastol": 1e-13, "refinement": 2, "maxiters": 200},
+    "kvxopt": {"abstol": 1e-13, "reltol": 1e-13, "feastol": 1e-13, "refinement": 2, "maxiters": 200},
+    "scs": {"eps_abs": 1e-11, "eps_rel": 1e-11, "max_iters": 200_000},  # a first-order method
+    "qpalm": {"eps_abs": 1e-10, "eps_rel": 0.0, "eps_abs_in": 1.0, "max_iter": 10_000},
 }
 
-_EXTRAS = {"jaxopt_osqp": "jaxopt"}  # of qpsolvers, where it goes by another name than the back end
+_UNITS = {"highs": 1e-2}  # of activation, for a back end that takes bounds close together for one
+
+# Those that no option makes agree on all of them: ecos (a cone program with the cost's square root), jaxopt_osqp
+# (single precision), qtqp and sip (interior points that stop early).
+_INEXACT = frozenset({"ecos", "jaxopt_osqp", "qtqp", "sip"})
 
 
 def check_solver(solver: str) -> None:
-    """See that a solver is there, before the work begins.
+    """See that a solver is there and accurate enough, before the work begins; it solves a few small problems.
 
     Args:
         solver: ``"newton"`` or a name that qpsolvers knows.
 
     Raises:
-        SettingsError: an unknown solver (the message lists those installed), or one not installed (it says how).
+        SettingsError: an unknown solver (the message lists those that are installed and accurate enough), one not
+            installed (it says how), or one that does not find activations to 1e-6.
     """
-    if solver == NEWTON:
-        return
+    if solver != NEWTON:
+        _check_name(solver)
+        _try(solver)
+
+
+def _check_name(solver: str) -> None:
+    """Raise SettingsError unless a back end is installed and not known to be inaccurate."""
     import qpsolvers  # .5 s to import, and only needed here
 
-    installed = sorted(qpsolvers.available_solvers)
-    if solver in installed:
+    if solver in _INEXACT and solver in _known():
+        raise SettingsError(f"QP solver {solver!r} does not find activations to 1e-6: {_choices()}")
+    if solver in qpsolvers.available_solvers:
         return
-    names = f"choose {NEWTON}, {', '.join(installed)}"
-    others = [name for name in _known() if name not in installed]
-    if solver in others:
-        raise SettingsError(f"QP solver {solver!r} is not installed: {_how_to_install(solver)}; or {names}")
-    raise SettingsError(f"unknown QP solver {solver!r}; {names}; others can be installed: {', '.join(others)}")
+    if solver in _known():
+        raise SettingsError(f"QP solver {solver!r} is not installed: {_how_to_install(solver)}; or {_choices()}")
+    others = [name for name in sorted(_OPTIONS) if name in _known() and name not in qpsolvers.available_solvers]
+    more = f"; others can be installed: {', '.join(others)}" if others else ""
+    raise SettingsError(f"unknown QP solver {solver!r}; {_choices()}{more}")
+
+
+def _choices() -> str:
+    import qpsolvers
+
+    return f"choose {', '.join([NEWTON, *sorted(_OPTIONS.keys() & set(qpsolvers.available_solvers))])}"
+
+
+@functools.cache  # of those that pass: an exception is not kept
+def _try(solver: str) -> None:
+    """Raise SettingsError unless a back end solves small problems like those of a leg."""
+    for problem in _trials():
+        try:
+            _solve(problem, solver)
+        except SimulationError as error:
+            told = str(error).partition(": use solver")[0]
+            raise SettingsError(f"{told} on a small trial problem: {_choices()}") from None
+
+
+def _trials() -> Iterator[AllocationProblem]:
+    """A moment within reach, one beyond it, and one beyond what the next window can do: hip, knee, ankle."""
+    B = np.array([[80, -120, 40, -70, 0, 0, 0, 0], [0, 0, 50, -50, 210, -40, 0, 0], [0, 0, 0, 0, 0, -70, -150, 40.0]])
+    M = np.array([[2.5, 0.7, 0.1], [0.7, 0.5, 0.08], [0.1, 0.08, 0.05]])
+    for Q, low, high in (([30, 20, -15], 0.0, 1.0), ([-150, 200, -230], 0.0, 1.0), ([90, -80, 60], 0.2, 0.3)):
+        yield build_problem(B, np.array(Q, dtype=float), np.full(8, low), np.full(8, high), inertia=M)
 
 
 def _how_to_install(solver: str) -> str:
-    extra = _EXTRAS.get(solver, solver)
-    if extra in (metadata("qpsolvers").get_all("Provides-Extra") or []):
-        return f"pip install 'qpsolvers[{extra}]'"
-    return "no package index has it under a name that qpsolvers tells: see its documentation"
+    if solver in (metadata("qpsolvers").get_all("Provides-Extra") or []):
+        return f"pip install 'qpsolvers[{solver}]'"
+    return "qpsolvers names no package that has it, see its documentation"
 
 
 def _known() -> list[str]:
@@ -77,23 +125,30 @@ def solve_with(problem: AllocationProblem, solver: str) -> Allocation:
         SettingsError: no such solver is installed (see `check_solver`), or the cost is cubic.
         SimulationError: the solver found no optimum, or stopped short of it.
     """
-    check_solver(solver)
+    _check_name(solver)
     if problem.c.any():
         raise SettingsError(f"QP solver {solver!r} takes quadratic costs only: use solver {NEWTON!r} for a cubic cost")
+    return _solve(problem, solver)
+
+
+def _solve(problem: AllocationProblem, solver: str) -> Allocation:
     import qpsolvers
 
-    best, least = None, np.inf
-    for program in _programs(problem, sparse=solver not in qpsolvers.dense_solvers):
+    best, least, unit = None, np.inf, _UNITS.get(solver, 1.0)
+    for program in _programs(problem, unit, sparse=solver not in qpsolvers.dense_solvers):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of the back ends about their own future
             try:
                 x = qpsolvers.solve_problem(program, solver=solver, **_OPTIONS.get(solver, {})).x
-            except qpsolvers.QPError:
+            except (qpsolvers.QPError, ArithmeticError, ValueError):  # the last two come from cvxopt
                 continue
+            except Exception as error:  # a back end's own: no licence, options that its version does not know
+                told = " ".join(f"{type(error).__name__}: {error}".split())
+                raise SimulationError(f"QP solver {solver!r} failed ({told}): use solver {NEWTON!r}") from error
         if x is None or not np.isfinite(x).all():
             continue
         # whatever the back end thinks of it, the optimality conditions decide
-        found = with_multiplier(problem, np.clip(x[: problem.B.shape[1]], problem.lb, problem.ub))
+        found = with_multiplier(problem, np.clip(unit * x[: problem.B.shape[1]], problem.lb, problem.ub))
         residual = problem.optimality_residual(found)
         if residual <= _PROVEN:
             return found
@@ -107,8 +162,10 @@ def solve_with(problem: AllocationProblem, solver: str) -> Allocation:
     )
 
 
-def _programs(problem: AllocationProblem, *, sparse: bool) -> Iterator[Any]:
+def _programs(problem: AllocationProblem, unit: float, *, sparse: bool) -> Iterator[Any]:
     """The problem in three forms: with the reserves as variables, rows scaled in two ways, and without them.
+
+    Variables are in multiples of the unit.
 
     The first suits active-set methods and interior points that scale by themselves (clarabel); the second those that
     measure rows by an absolute tolerance (proxqp, piqp). The third is the worst conditioned, but any solver finds a
@@ -124,10 +181,11 @@ def _programs(problem: AllocationProblem, *, sparse: bool) -> Iterator[Any]:
     H = np.diag(np.concatenate([problem.w, np.ones(nv)]))
     q = np.concatenate([-problem.w * problem.a0, np.zeros(nv)])
     A = np.hstack([rows, root * np.eye(nv)])
-    lb = np.concatenate([problem.lb, np.full(nv, -np.inf)])
-    ub = np.concatenate([problem.ub, np.full(nv, np.inf)])
+    lb = np.concatenate([problem.lb, np.full(nv, -np.inf)]) / unit
+    ub = np.concatenate([problem.ub, np.full(nv, np.inf)]) / unit
     for scale in (1.0, 1.0 / root):
-        yield qpsolvers.Problem(form(H), q, A=form(scale * A), b=scale * target, lb=lb, ub=ub)
+        scaled = form(scale * unit * A)
+        yield qpsolvers.Problem(form(unit**2 * H), unit * q, A=scaled, b=scale * target, lb=lb, ub=ub)
     H = np.diag(problem.w) + rows.T @ rows / problem.eps
     q = -problem.w * problem.a0 - rows.T @ target / problem.eps
-    yield qpsolvers.Problem(form(H), q, lb=problem.lb, ub=problem.ub)
+    yield qpsolvers.Problem(form(unit**2 * H), unit * q, lb=problem.lb / unit, ub=problem.ub / unit)

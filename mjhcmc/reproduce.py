@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mjhcmc import paper
 from mjhcmc.errors import MjhcmcWarning, SettingsError
 from mjhcmc.methods import METHODS, find_method
-from mjhcmc.methods.run import Progress
+from mjhcmc.methods.run import Progress, SolveInterrupted
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
 from mjhcmc.opensim_reference import OpenSimRun, find_reference, read_reference
@@ -98,6 +98,7 @@ class Reproduction:
             for name, reported in PAPER.items():
                 figures = (*reported.max_error_deg, *reported.rmse_deg, reported.solve_time_s)
                 ratios = [f"{p / own:.3g} x" for p, own in zip(figures, _figures(methods[name]), strict=True)]
+                ratios[-1] = "-"  # other machines
                 rows.append([f"paper {name} / mjhcmc {name}", *ratios])
         return columns(rows)
 
@@ -168,18 +169,22 @@ def reproduce(
     Raises:
         MotionError: an unknown movement.
         SettingsError: dt or physics_dt outside their valid values.
+        SolveInterrupted: a KeyboardInterrupt came; it carries HCMC's solution, whole where it was.
     """
     model = MuscleModel.load("leg8")
     motion = Motion.cosine(model, movement)
     solutions, times = {}, {}
     told: set[str] = set()
-    for name in METHODS:
-        method = find_method(name)
-        with _each_notice_once(told):  # the warm-up
-            solutions[name] = method(model, motion, dt=dt, physics_dt=physics_dt, progress=progress)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", MjhcmcWarning)
-            times[name] = _median_time(partial(method, model, motion, dt=dt, physics_dt=physics_dt))
+    try:
+        for name in METHODS:
+            method = find_method(name)
+            with _each_notice_once(told):  # the warm-up
+                solutions[name] = method(model, motion, dt=dt, physics_dt=physics_dt, progress=progress)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", MjhcmcWarning)
+                times[name] = _median_time(partial(method, model, motion, dt=dt, physics_dt=physics_dt))
+    except SolveInterrupted as stop:
+        raise SolveInterrupted(solutions.get("hcmc", stop.solution)) from stop
     opensim = None if find_reference() is None else read_reference(model, movement)
     return Reproduction(movement, solutions, times, bare_step_time(solutions["hcmc"]), opensim)
 

@@ -8,10 +8,10 @@ What every method minimizes, at the activations a that supply the moments:
     volume    sum_i k_i V_i a_i^2       larger muscles cost more
     stress    sum_i k_i (F_i/F0_i)^2    whole force over max isometric force
     capacity  sum_i k_i (F_i/gain_i)^2  whole force over the active force at full activation, as OpenSim's CMC:
-                                        effort but for passive force and fiber damping
+                                        effort but for passive force
 
 k are the user's weights, V = F0 lopt (relative to their mean) goes with the muscle's volume, F = gain a + bias is the
-muscle's whole force, gain what it can give actively at its length and velocity.
+muscle's whole force (bias at least 0), gain what it can give actively at its length and velocity.
 Smoothness adds sum_i k_i sigma (a_i - a_before,i)^2 (for `cubic` 3/2 of it, for `volume` with
 k_i V_i).
 """
@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc.allocation import Allocation, AllocationProblem, allocate, build_problem
+from mjhcmc.checks import is_number
 from mjhcmc.dynamics import MuscleMoments
 from mjhcmc.errors import SettingsError
 from mjhcmc.model import MuscleModel
@@ -37,7 +38,7 @@ COSTS = ("effort", "cubic", "volume", "stress", "capacity")
 Array = NDArray[np.float64]
 
 _CUBIC_CONVEXITY = 1e-8  # quadratic part of the cubic cost: keeps it strictly convex at 0, moves a by 5e-9
-_LEAST_GAIN = 1e-2  # of F0: a muscle that gives less at full activation still costs something
+_LEAST_GAIN = 1e-2  # of F0 (where unknown, of the largest gain): taken for the gain of a muscle that gives less
 _MOST_SPREAD = 1e6  # of the weights: beyond, rounding decides
 
 
@@ -51,7 +52,8 @@ class Sharing:
         smoothness: sigma, 0 or positive.
         min_activation: (n_muscle,) least activation asked of each muscle.
         disabled: (n_muscle,) True for muscles that stay switched off.
-        strength: (n_muscle,) N, max isometric force; ones where the cost has no use for it.
+        strength: (n_muscle,) N, max isometric force; ones where the cost has no use for it, NaN where `capacity`
+            does without.
         solver: ``"newton"`` or a qpsolvers back end.
         options: what the user asked for, as plain values for the record.
     """
@@ -92,12 +94,13 @@ class Sharing:
         """
         k, cubic = self.weights, None
         w, a0 = k, np.zeros_like(k)
+        passive = np.maximum(moments.bias, 0.0)  # damping may push; muscles are not to be active to pull against it
         if self.cost == "stress":
             gain = moments.gain / self.strength
             share = np.maximum(gain**2, _LEAST_GAIN**2)
-            w, a0 = k * share, -moments.bias / self.strength * gain / share
+            w, a0 = k * share, -passive / self.strength * gain / share
         elif self.cost == "capacity":
-            a0 = -moments.bias / np.maximum(moments.gain, _LEAST_GAIN * self.strength)
+            a0 = -_over_gain(passive, moments.gain, self.strength)
         elif self.cost == "cubic":
             w, cubic = _CUBIC_CONVEXITY * k, k
         if self.smoothness and before is not None:
@@ -107,6 +110,18 @@ class Sharing:
     def allocate(self, problem: AllocationProblem) -> Allocation:
         """Solve a problem with the chosen solver; raises as `allocation.allocate`."""
         return allocate(problem, self.solver)
+
+
+def _over_gain(force: Array, gain: Array, strength: Array) -> Array:
+    """(n_muscle,) force over the magnitude of the gain, where that is small over a share of F0.
+
+    A muscle whose F0 nobody knows has the largest gain of all in its place; where no muscle has any, the result is 0.
+    """
+    size = np.abs(gain)  # a gain that pushes is a capacity, too
+    known = np.isfinite(strength) & (strength > 0)
+    least = _LEAST_GAIN * np.where(known, strength, size.max())
+    divisor = np.maximum(size, least)
+    return np.divide(force, divisor, out=np.zeros_like(force), where=divisor > 0)
 
 
 def _held(w: Array, a0: Array, more: Array, before: Array) -> tuple[Array, Array]:
@@ -146,7 +161,7 @@ def share(
     check_solver(solver)
     if cost == "cubic" and solver != NEWTON:
         raise SettingsError(f"QP solver {solver!r} takes quadratic costs only: use solver {NEWTON!r} with cost 'cubic'")
-    if not (isinstance(smoothness, (int, float, np.integer, np.floating)) and 0 <= smoothness < np.inf):
+    if not (is_number(smoothness) and 0 <= smoothness < np.inf):
         raise SettingsError(f"smoothness must be 0 or positive; got {smoothness!r}")
     k = by_muscle(model, "weights", weights, 1.0)
     _check_muscles(model, "weights", k, k > 0, "positive")
@@ -169,7 +184,8 @@ def share(
     if off.all():
         raise SettingsError("disabled names every muscle: leave at least one")
     strength = model.max_isometric_force if cost in ("volume", "stress", "capacity") else np.ones(model.n_muscle)
-    _check_measure(model, cost, strength, "max isometric force")
+    if cost in ("volume", "stress"):
+        _check_measure(model, cost, strength, "max isometric force")
     if cost == "volume":
         volume = strength * model.optimal_fiber_length
         _check_measure(model, cost, volume, "optimal fiber length")
@@ -203,11 +219,17 @@ def by_muscle(model: MuscleModel, what: str, given: Mapping[str, float] | ArrayL
     if isinstance(given, Mapping):
         _check_names(model, what, list(given))
         pairs = [given.get(name, default) for name in model.muscle_names]
+        for name, value in zip(model.muscle_names, pairs, strict=True):
+            if not is_number(value):
+                raise SettingsError(f"{what} of {name} must be a number; got {value!r}")
     else:
         pairs = given  # type: ignore[assignment]
     try:
+        strange = [value for value in np.array(pairs, dtype=object).ravel() if not is_number(value)]
+        if strange:
+            raise SettingsError(f"{what} must be numbers; got {strange[0]!r}")
         values = np.array(pairs, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SettingsError(f"{what} must be numbers; got {given!r}") from None
     if values.ndim == 0:
         values = np.full(model.n_muscle, float(values))
@@ -239,6 +261,6 @@ def _check_measure(model: MuscleModel, cost: str, values: Array, what: str) -> N
     missing = np.flatnonzero(~(np.isfinite(values) & (values > 0)))
     if missing.size:
         raise SettingsError(
-            f"cost {cost!r}: muscle {model.muscle_names[missing[0]]} has no {what} (only MuJoCo's own muscles tell): "
-            "choose cost 'effort'"
+            f"cost {cost!r}: muscle {model.muscle_names[missing[0]]} has no {what} that the model "
+            "tells: choose cost 'effort'"
         )

@@ -45,7 +45,7 @@ class WindowStatus(IntEnum):
 _MESSAGES = {
     WindowStatus.OK: "the muscles gave the moments that were asked for",
     WindowStatus.RESERVE: "a reserve helped: the muscles cannot give the moment in time; see the verdict for which",
-    WindowStatus.UNMET: "the muscles cannot give the moment in time and no reserve helps: expect a tracking error",
+    WindowStatus.UNMET: "activation is too slow, or muscles too weak, and no reserve helps: expect a tracking error",
     WindowStatus.STIFF: "the active muscles are too stiff for the physics step: solve again with a smaller physics_dt",
 }
 
@@ -93,7 +93,8 @@ class Solution:
         qpos_desired: (N+1, nq) rad or m.
         qvel: (N+1, nv) rad/s or m/s, of the muscle-driven model.
         tracking_error: (N+1, nv) rad or m, actual minus desired.
-        net_joint_moment: (N+1, nv) N m or N: M q'' + bias - passive - external of the simulated motion, equal to
+        net_joint_moment: (N+1, nv) N m or N: M q'' + bias - passive - limits and contacts - other actuators -
+            external load of the simulated motion, equal to
             R^T F + reserve (the reserve of the window that starts at the node; last node: the last window's).
         muscle_force: (N+1, n_muscle) N along the tendon, pulling positive: active, passive and fiber damping.
         reserve: (N, nv) N m or N, constant over a window and applied to the plant.

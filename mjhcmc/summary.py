@@ -10,14 +10,18 @@ from numpy.typing import NDArray
 
 from mjhcmc.solution import Solution
 
+_MANY = 6  # joints in a line
+_TINY = np.finfo(float).tiny
+
 
 def numbers(solution: Solution) -> dict[str, Any]:
     """What the table shows, as plain values for JSON.
 
     Angles in degrees, moments in N m; at a slide the same keys hold m and N. By joint: ``max_error_deg``,
     ``rmse_deg`` (root of the mean square over the N+1 nodes), ``mse_deg2`` (the mean square), ``peak_moment_nm``,
-    ``peak_reserve_nm``, ``replay_max_error_deg`` (None where the solution does not know its model);
-    ``peak_excitation`` by muscle; ``verdict`` with ``passed`` and ``findings``.
+    ``peak_reserve_nm``, ``replay_max_error_deg`` (None where the solution does not know its model),
+    ``peak_external_load_nm`` (None where nothing acts from outside; where joint moments were given, it is what they
+    imply); ``peak_excitation`` by muscle; ``verdict`` with ``passed`` and ``findings``.
     """
     verdict, scale = solution.verdict, _scale(solution)
     joints = solution.dof_names
@@ -34,6 +38,9 @@ def numbers(solution: Solution) -> dict[str, Any]:
         "peak_excitation": dict(zip(solution.muscle_names, solution.excitation.max(axis=0).tolist(), strict=True)),
         "peak_moment_nm": by_joint(solution.peak_moment),
         "peak_reserve_nm": by_joint(verdict.peak_reserve),
+        "peak_external_load_nm": by_joint(
+            np.abs(solution.external_load).max(axis=0) if solution.external_load.any() else None
+        ),
         "replay_max_error_deg": by_joint(
             None if verdict.replay_max_error is None else np.array(verdict.replay_max_error) * scale
         ),
@@ -57,10 +64,55 @@ def screen(solution: Solution) -> str:
         "",
         *_muscle_table(values["peak_excitation"], solution),
         "",
+        *load_lines(solution),
         *[f"status   {line}" for line in solution.messages()],
         *verdict_lines(values["verdict"]),
     ]
     return "\n".join(lines)
+
+
+def load_lines(solution: Solution) -> list[str]:
+    """The load from outside beside the net joint moments; none where nothing acts from outside.
+
+    Joint moments that a user gives imply one (see `joint_moments`). One that is larger than the moments themselves is
+    more often another kind of table than a ground reaction.
+    """
+    lines = []
+    given = solution.settings.get("joint_moments")
+    if solution.external_load.any():
+        load, moment = np.abs(solution.external_load).max(axis=0), solution.peak_moment
+        words = [
+            f"{name} {load[j]:.3g} {_moment_unit(solution, j)}"
+            + (f" ({100 * load[j] / moment[j]:.3g} % of the net joint moment's peak)" if moment[j] > 0 else "")
+            for j, name in enumerate(solution.dof_names)
+        ]
+        source = f", implied by {given}" if given else ""
+        lines.append(f"load     peak from outside{source}: {_some(words, load / np.maximum(moment, _TINY))}")
+        larger = [name for j, name in enumerate(solution.dof_names) if load[j] > moment[j]]
+        if given and larger:
+            lines.append(
+                f"         larger than the net joint moment at {_some(larger)}: are these joint moments, in N m?"
+            )
+    if difference := solution.settings.get("joint_moment_difference"):
+        words = [
+            f"{name} {difference[name]:.3g} {_moment_unit(solution, j)}"
+            for j, name in enumerate(solution.dof_names)
+            if name in difference
+        ]
+        lines.append(f"moments  largest difference from those given: {_some(words)}")
+    return lines
+
+
+def _moment_unit(solution: Solution, joint: int) -> str:
+    return "N m" if solution.dof_is_rotation[joint] else "N"
+
+
+def _some(words: Sequence[str], size: NDArray[np.float64] | None = None) -> str:
+    """Words in a line, the largest where there are many."""
+    if len(words) <= _MANY:
+        return ", ".join(words)
+    first = range(_MANY) if size is None else sorted(np.argsort(-size, kind="stable")[:_MANY])
+    return f"{', '.join(words[i] for i in first)} and {len(words) - _MANY} more"
 
 
 def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:

@@ -23,6 +23,9 @@ MAX_TRACKING_RMS = np.deg2rad(1.0)
 MAX_TRACKING_RMS_SLIDE = 0.01
 """m; the counterpart of 1 deg at a slide (OpenSim's checklist: pelvis translations within 1-2 cm)."""
 
+MAX_MOMENT_SHARE = 0.1
+"""Of the peak moment: where net joint moments depart by more from those that the user gave, the verdict says so."""
+
 REPLAY_DT = 1e-4
 """s; a tenth of the default physics step, so that the replay also shows the step's own error."""
 
@@ -105,6 +108,9 @@ def _findings(
     found = []
     if solution.interrupted:
         found.append(f"interrupted at {solution.time[-1]:.3f} s: the rest of the motion was not solved")
+    stiff = np.flatnonzero(solution.status == WindowStatus.STIFF)
+    if stiff.size:
+        found.append(f"{stiff.size} windows, first at {solution.time[stiff[0]]:.3f} s: {WindowStatus.STIFF.message}")
     scale = moment_scale(solution.net_joint_moment)
     for j, name in enumerate(solution.dof_names):
         unit = "N m" if solution.dof_is_rotation[j] else "N"
@@ -120,6 +126,15 @@ def _findings(
                     f"{name}: {what} of {values[k, j]:.3g} {unit} at {solution.time[k]:.3f} s, {100 * part:.3g} % of "
                     f"the peak moment{against}; {_saturated(solution, k)}"
                 )
+    given = solution.settings.get("joint_moment_difference", {})
+    for j, name in enumerate(solution.dof_names):
+        part = given.get(name, 0.0) / moment_scale(solution.net_joint_moment)[j]
+        if part > MAX_MOMENT_SHARE:
+            unit = "N m" if solution.dof_is_rotation[j] else "N"
+            found.append(
+                f"{name}: the net joint moment departs from the given one by up to {given[name]:.3g} {unit}, "
+                f"{100 * part:.3g} % of the peak moment"
+            )
     for j, name in enumerate(solution.dof_names):
         if rms[j] > limit[j]:
             k = int(np.argmax(np.abs(solution.tracking_error[:, j])))
@@ -128,9 +143,6 @@ def _findings(
                 f"{name}: tracking RMS {rms[j] * factor:.3g} {unit} exceeds {limit[j] * factor:g} {unit}; worst "
                 f"{solution.tracking_error[k, j] * factor:.3g} {unit} at {solution.time[k]:.3f} s"
             )
-    stiff = np.flatnonzero(solution.status == WindowStatus.STIFF)
-    if stiff.size:
-        found.append(f"{stiff.size} windows, first at {solution.time[stiff[0]]:.3f} s: {WindowStatus.STIFF.message}")
     return found
 
 

@@ -146,6 +146,35 @@ def test_the_stable_step_of_a_damped_mass(damping, stable):
             mjhcmc.hcmc(model, motion)
 
 
+def test_the_headline_names_the_step_that_solve_takes():
+    xml = HANGING_MASS.format(actuator=LINEAR_ACTUATOR).replace('name="height"', 'name="height" damping="10000"')
+    report = check_xml(xml)
+    headline = report.screen().splitlines()[3]
+    assert headline == (
+        f"solve takes this model with --physics-dt {report.physics_dt_needed:.2g}: the default 1 ms is unstable"
+    )
+    step = float(re.search(r"--physics-dt ([\d.e-]+):", headline).group(1))
+    model = mjhcmc.MuscleModel.load(mujoco.MjModel.from_xml_string(xml))
+    motion = mjhcmc.Motion.cosine(model, amplitudes={"height": 0.001}, period=1, cycles=1)
+    with pytest.raises(mjhcmc.SimulationError, match="physics_dt"):
+        mjhcmc.static_optimization(model, motion)
+    assert mjhcmc.static_optimization(model, motion, physics_dt=step).settings["physics_dt"] <= step
+    assert report.to_dict()["physics_dt_needed"] == report.physics_dt_needed == 0.8 * report.steps[0].over_range
+
+
+def test_the_headline_where_only_other_poses_need_a_smaller_step():
+    # the rod's inertia about the elbow leaves the shoulder's damping where it is; about the shoulder it changes with
+    # the elbow: folded, the arm is light
+    folded = PENDULUMS.replace('name="shoulder"', 'name="shoulder" damping="{}"')
+    at = check_xml(folded.format(10)).steps[0]
+    assert at.over_range < 0.9 * at.at_reference
+    damping = 10 * at.at_reference / 1e-3 * 0.97  # stable at the reference pose by 3 %
+    report = check_xml(folded.format(damping))
+    assert "solve takes this model with --physics-dt" in report.screen()
+    assert "is unstable somewhere in its joints' ranges" in report.screen()
+    assert "solve takes this model\n" in check_xml(PENDULUMS).screen()
+
+
 def test_the_stable_step_is_where_simulation_turns_unstable():
     xml = HANGING_MASS.format(actuator=LINEAR_ACTUATOR).replace('name="height"', 'name="height" damping="4000"')
     stable = check_xml(xml).steps[0].at_reference
@@ -243,6 +272,70 @@ def test_what_load_refuses_check_lists_in_the_same_words(case):
     assert str(refusal.value) == errors[0].message(report.name)
     assert "1 error" in report.screen()
     assert errors[0].remedy in " ".join(report.screen().split())
+
+
+TWO_SIDED = """
+<mujoco model="two_sided">
+  <option integrator="RK4"/>
+  <worldbody><body>
+    <joint name="elbow" type="hinge" axis="0 -1 0" range="-60 60" limited="true"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1" contype="0" conaffinity="0"/>
+  </body></worldbody>
+  <actuator>
+    <general name="bends" joint="elbow" gear="-.05" dyntype="muscle" gainprm="-300" {bends}/>
+    <general name="stretches" joint="elbow" gear=".04" dyntype="muscle" gainprm="-200" {stretches}/>
+  </actuator>
+</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("bends", "stretches", "strength"),
+    [
+        ("0 1", "0 1", (-8, 15)),
+        ("0 .5", "0 1", (-8, 7.5)),
+        ("0 1", ".25 1", (-8, 13)),  # the one that stays on takes 200 N .25 .04 m away
+        (".1 .5", ".25 .75", (-6 + 1.5, 7.5 - 2)),
+        ("-1 3", "-1 1", (-8, 15)),  # what solve lets through is within 0..1
+    ],
+)
+def test_strength_counts_the_range_of_excitations(bends, stretches, strength):
+    ends = {"bends": bends, "stretches": stretches}
+    xml = TWO_SIDED.format(**{name: f'ctrlrange="{text}" ctrllimited="true"' for name, text in ends.items()})
+    report = check_xml(xml)
+    (joint,) = report.joints
+    assert joint.strength == pytest.approx(strength)
+    assert joint.negative_strength_range == pytest.approx((strength[0], strength[0]))
+    assert joint.positive_strength_range == pytest.approx((strength[1], strength[1]))
+    model = mjhcmc.MuscleModel.load(mujoco.MjModel.from_xml_string(xml))
+    for i, (name, text) in enumerate(ends.items()):
+        low, high = np.clip([float(word) for word in text.split()], 0, 1)
+        assert report.muscles[i].excitation_range == (low, high) == tuple(model.excitation_range[i])
+        notes = [p for p in found(report, "note", repr(name)) if "ctrlrange" in p.remedy]
+        assert len(notes) == ((low, high) != (0, 1))
+        for note in notes:
+            assert f"up to {high:g}" in note.what
+            assert (f"never below {low:g}, where it weakens its antagonists" in note.what) == (low > 0)
+
+
+def test_the_step_at_full_activation_is_that_at_the_upper_end():
+    half = MUSCLE_ACTUATOR.replace('ctrlrange="0 1"', 'ctrlrange="0 .5" ctrllimited="true"')
+    _, active = check_xml(HANGING_MASS.format(actuator=half)).steps
+    assert active.at_reference == pytest.approx(RK4_LIMIT / (0.5 * 92 * 2 * 0.3 / 1.5 / 2), rel=1e-4)
+
+
+@pytest.mark.parametrize("gainprm", ["-100", "100"])
+def test_one_definition_of_max_isometric_force(gainprm):
+    xml = HANGING_MASS.format(actuator=LINEAR_ACTUATOR.replace('"-100"', f'"{gainprm}"'))
+    model = mjhcmc.MuscleModel.load(mujoco.MjModel.from_xml_string(xml))
+    assert model.max_isometric_force == [100]
+    assert np.isnan(model.optimal_fiber_length).all()
+    assert check_xml(xml).muscles[0].max_isometric_force == 100
+    affine = xml.replace('gaintype="fixed"', 'gaintype="affine"')
+    assert np.isnan(mjhcmc.MuscleModel.load(mujoco.MjModel.from_xml_string(affine)).max_isometric_force).all()
+    report = check_xml(affine)
+    assert report.muscles[0].max_isometric_force is None
+    json.dumps(report.to_dict(), allow_nan=False)
+    assert "nan" not in report.screen().lower()
 
 
 def test_a_disabled_muscle_is_measured_all_the_same():

@@ -358,6 +358,24 @@ def test_an_interrupt_before_the_first_window_leaves_nothing(run, mot, tmp_path,
         assert not (tmp_path / "deep").exists()
 
 
+def test_an_interrupt_of_a_later_method_keeps_all_of_hcmc(run, tmp_path, monkeypatch, no_figures):
+    real = mjhcmc.methods.cmc._Cmc.window
+
+    def window(self, windows, k, *arguments):
+        if k == 3:
+            raise KeyboardInterrupt
+        return real(self, windows, k, *arguments)
+
+    monkeypatch.setattr(mjhcmc.methods.cmc._Cmc, "window", window)
+    outcome = run("reproduce", "--out", tmp_path / "out")
+    assert outcome.code == 130
+    assert "solution.parquet" in outcome.err
+    kept = mjhcmc.Solution.load(tmp_path / "out" / "solution.parquet")
+    assert kept.settings["method"] == "hcmc"
+    assert kept.n_window == 60
+    assert not kept.interrupted
+
+
 def test_an_interrupt_of_reproduce_keeps_what_was_solved(run, tmp_path, interrupt_after, no_figures):
     interrupt_after(50)
     assert run("reproduce", "--out", tmp_path / "out").code == 130

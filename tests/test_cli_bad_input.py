@@ -109,8 +109,8 @@ BAD_OPTIONS = {
     "dt inf": (["--dt", "inf"], ["dt", "inf"]),
     "dt too long": (["--dt", "0.7"], ["dt 0.7 s", "longer than the motion", "0.6 s"]),
     "dt no number": (["--dt", "soon"], ["--dt", "'soon'"]),
-    "physics_dt 0": (["--physics-dt", "0"], ["physics_dt", "positive"]),
-    "physics_dt nan": (["--physics-dt", "nan"], ["physics_dt", "nan"]),
+    "physics_dt 0": (["--physics-dt", "0"], ["--physics-dt", "positive"]),
+    "physics_dt nan": (["--physics-dt", "nan"], ["--physics-dt", "nan"]),
     "method": (["--method", "magic"], ["'magic'", "hcmc"]),
     "solver": (["--solver", "simplex"], ["'simplex'", "newton", "daqp"]),
     "option": (["--spee", "3"], ["--spee"]),
@@ -234,5 +234,5 @@ def test_bad_reproduce(run, tmp_path):
     refused(run("reproduce", "--movement", "hop", "--out", out), "'hop'", "fast", "slow")
     refused(run("reproduce", "--dt", "0", "--out", out), "dt", "positive")
     refused(run("reproduce", "--dt", "9", "--out", out), "dt 9 s", "longer than the motion")
-    refused(run("reproduce", "--physics-dt", "-1", "--json"), "physics_dt", "positive")
+    refused(run("reproduce", "--physics-dt", "-1", "--json"), "--physics-dt", "positive")
     assert not out.exists()

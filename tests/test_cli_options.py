@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from cli_tools import FIGURES, JOINTS, MUSCLES
+from conftest import HANGING_MASS, MUSCLE_ACTUATOR
 
 import mjhcmc
 from mjhcmc.io.opensim import read_table
@@ -118,7 +119,7 @@ def test_export_for_opensim(run, mot, tmp_path, no_figures):
         (["--cost", "energy"], ["energy", "effort, cubic, volume, stress, capacity"]),
         (["--solver", "simplex"], ["simplex", "newton", "daqp"]),
         (["--disable", "biceps"], ["biceps", "iliopsoas", "tib_ant"]),
-        (["--min-activation", "1.5"], ["min_activation", "1.5"]),
+        (["--min-activation", "1.5"], ["activation", "1.5"]),
         (["--smoothness", "-1"], ["smoothness", "-1"]),
         (["--weights", "none.json"], ["none.json"]),
         (["--moments", "none.sto"], ["none.sto"]),
@@ -148,6 +149,16 @@ def test_bad_weights(run, mot, tmp_path, text):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("value", ["true", "null", '"much"', "[2]"])
+def test_a_weight_that_is_no_number_is_named_with_its_file(run, mot, tmp_path, value):
+    path = tmp_path / "weights.json"
+    path.write_text(f'{{"vasti": 2, "soleus": {value}}}')
+    outcome = run("solve", mot(), "--weights", path, "--out", tmp_path / "out")
+    assert (outcome.code, len(outcome.errors)) == (2, 1)
+    assert f"{path}: that of soleus is {value}, no number" in outcome.errors[0]
+    assert not (tmp_path / "out").exists()
+
+
 def test_check(run, tmp_path):
     outcome = run("check", "leg8")
     assert outcome.code == 0
@@ -161,6 +172,24 @@ def test_check(run, tmp_path):
     assert outcome.code == 2
     assert len(outcome.errors) == 1
     assert "no muscle" in outcome.errors[0]
+
+
+def test_names_that_opensim_cannot_read_are_found_before_the_work(run, tmp_path):
+    model, table = tmp_path / "blank.xml", tmp_path / "lift.csv"
+    xml = HANGING_MASS.format(actuator=MUSCLE_ACTUATOR.replace("pull", "pull up"))
+    model.write_text(xml)
+    table.write_text("time,height (m)\n" + "".join(f"{t / 100},0\n" for t in range(20)))
+    outcome = run("solve", table, "--model", model, "--opensim", "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert "'pull up' cannot be written" in outcome.errors[-1]
+    assert not (tmp_path / "out").exists()
+
+
+def test_reproduce_can_be_quiet(run, tmp_path, no_figures):
+    outcome = run("reproduce", "--dt", "0.05", "--quiet", "--out", tmp_path / "out")
+    assert outcome.code in (0, 1)
+    assert (outcome.out, outcome.err) == ("", "")
+    assert (tmp_path / "out" / "solution.parquet").is_file()
 
 
 def test_verbose_tells_what_is_done_and_quiet_nothing(run, mot, tmp_path, no_figures):

@@ -120,13 +120,16 @@ def test_the_notice_gives_rms_and_the_worst_marker(leg8, clean, put):
 
 
 def test_markers_that_fit_badly_are_said_to(leg8, clean, put):
-    notice = Motion.from_file(put(1.5 * clean), leg8).notices[0]
+    notice = Motion.from_file(put(1.1 * clean), leg8).notices[0]
     assert notice.endswith("markers on wrong sites, or a model of other lengths, make such distances")
 
 
-def test_a_mirrored_laboratory_is_not_fitted_by_a_reflection(leg8, clean, put):
-    notice = Motion.from_file(put(clean * [-1, 1, 1]), leg8).notices[0]
-    assert notice.endswith("markers on wrong sites, or a model of other lengths, make such distances")
+def test_y_up_from_the_models_z_up_is_exact(leg8, put):
+    """Forward, up, right: y up is the model's z, z right is the model's -y."""
+    points = np.array([sites_at(leg8, q) for q in QPOS])[:, :, [0, 2, 1]] * [1, 1, -1]
+    motion = Motion.from_file(put(points), leg8)
+    np.testing.assert_allclose(motion.qpos, QPOS, atol=1e-6)
+    assert len(motion.notices) == 1
 
 
 def test_markers_not_seen_are_left_out(leg8, clean, put):
@@ -192,6 +195,48 @@ def test_slides_and_hinges_without_limits(put):
 
 
 # --- what is refused ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("axes", "signs"), [([0, 1, 2], [-1, 1, 1]), ([0, 2, 1], [1, 1, 1]), ([0, 1, 2], [-1] * 3)])
+@pytest.mark.parametrize("noise", [0, 5e-3])
+def test_left_handed_axes_are_said_to_be(leg8, put, axes, signs, noise):
+    points = synthesise(leg8, noise=noise)[:, :, axes] * signs
+    points[4, SITES.index("soleus_P2")] = np.nan
+    with pytest.raises(
+        MotionError,
+        match=r"walk\.trc: inverse kinematics on 13 markers: 4\d\.?\d* mm rms, worst .*: axes are left-handed: "
+        r"mirrored, the markers come within ([\d.e-]+) mm rms: reverse the sign of one axis",
+    ) as raised:
+        Motion.from_file(put(points), leg8)
+    assert "\n" not in str(raised.value)
+    within = float(str(raised.value).split("come within ")[1].split()[0])
+    assert 0.6 * noise <= 1e-3 * within <= 2 * noise + 1e-6
+
+
+@pytest.mark.parametrize("spoil", ["larger", "other names", "unit"])
+def test_markers_nowhere_near_their_sites(leg8, clean, put, spoil):
+    points = {"larger": 1.5 * clean, "other names": clean[:, ::-1], "unit": 1e-3 * clean}[spoil]
+    with pytest.raises(
+        MotionError, match=r"walk\.trc: inverse kinematics on 13 markers: .* mm rms, worst .*: too far for markers on"
+    ):
+        Motion.from_file(put(points), leg8)
+
+
+def test_how_far_markers_may_be_goes_with_the_size_of_the_animal(put):
+    """A model of 5 cm: markers on each other's sites are off by less than skin moves on a person."""
+    joint = '<joint name="knee" axis="0 1 0"/>'
+    body = f'<body>{joint}<geom size=".005"/><site name="hook" pos="0 0 -.03"/><site name="tip" pos=".01 0 -.04"/>'
+    model = load_xml(
+        '<mujoco><option integrator="RK4"/><worldbody><site name="a" pos="0 0 .02"/>'
+        f'<site name="b" pos=".03 0 .01"/><site name="c" pos="0 .02 .01"/>{body}</body></worldbody>'
+        '<tendon><spatial name="rope"><site site="b"/><site site="tip"/></spatial></tendon>'
+        f"<actuator>{LINEAR_ACTUATOR}</actuator></mujoco>"
+    )
+    sites = ("a", "b", "c", "hook", "tip")
+    points = synthesise(model, 0.3 * np.sin(TIME)[:, None], sites)
+    np.testing.assert_allclose(Motion.from_file(put(points, sites), model).qpos[:, 0], 0.3 * np.sin(TIME), atol=1e-5)
+    with pytest.raises(MotionError, match=r" [1-4]\d\.?\d* mm rms, worst .*: (too far for markers on|axes are left)"):
+        Motion.from_file(put(points[:, [3, 1, 4, 2, 0]], sites), model)
 
 
 @pytest.mark.parametrize(
@@ -272,10 +317,12 @@ def test_maps_and_names_refused(leg8, clean, put, names, column_map, message):
 
 def test_markers_have_no_angle_unit_and_need_a_model_with_sites(leg8, clean, put):
     path = put(clean)
-    for options in ({"angle_unit": "deg"}, {"angles": "segment"}):
-        with pytest.raises(
-            SettingsError, match=r"walk\.trc: holds markers, not angles: leave angle_unit and angles out"
-        ):
+    for options, given in (
+        ({"angle_unit": "deg"}, "angle_unit 'deg'"),
+        ({"angles": "segment"}, "angles 'segment'"),
+        ({"angle_unit": "rad", "angles": "segment"}, "angle_unit 'rad' and angles 'segment'"),
+    ):
+        with pytest.raises(SettingsError, match=rf"walk\.trc: holds markers, not angles: leave out {given}$"):
             Motion.from_file(path, leg8, **options)
     with pytest.raises(ModelError, match=r"model leg: markers need its sites: give a MuscleModel"):
         Motion.from_file(path, LEG)

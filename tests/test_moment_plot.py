@@ -92,6 +92,29 @@ def test_a_muscle_has_one_color_on_all_joints_of_a_leg(fast_solution):
     assert len(set(colors.values())) == len(colors) == 8
 
 
+def test_a_muscle_has_the_same_color_in_every_figure_whatever_its_size(fast_solution, slow_solution):
+    peaks = [np.abs(s.detail.muscle_moment).max(axis=0) for s in (fast_solution, slow_solution)]
+    assert (np.argsort(peaks[0], axis=0) != np.argsort(peaks[1], axis=0)).any()  # sizes do change
+    wanted = dict(zip(fast_solution.muscle_names, (c.lower() for c in MUSCLE_COLORS), strict=False))
+    for solution in (fast_solution, slow_solution):
+        for ax in moment_figure(solution).axes:
+            for label, color in named(ax):
+                assert color == wanted[label.replace(" ", "_")]
+
+
+def test_beyond_nine_muscles_colors_still_do_not_follow_sizes():
+    """Twelve, of which at most eight cross a joint: none is short of colors."""
+    solution = swing(chain(3, 12), windows=6)
+    weak = dataclasses.replace(solution, activation=solution.activation[:, ::-1].copy())
+    peaks = [np.abs(s.detail.muscle_moment).max(axis=0) for s in (solution, weak)]
+    assert (np.argsort(peaks[0], axis=0) != np.argsort(peaks[1], axis=0)).any()
+    one, other = ([dict(named(ax)) for ax in moment_figure(s).axes] for s in (solution, weak))
+    assert [sorted(panel) for panel in one] == [sorted(panel) for panel in other]
+    assert one == other
+    for panel in one:
+        assert len(set(panel.values())) == len(panel)
+
+
 def test_of_many_muscles_the_smallest_are_merged(crowded):
     figure = moment_figure(crowded)
     peak = np.abs(crowded.detail.muscle_moment).max(axis=0)

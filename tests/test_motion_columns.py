@@ -20,6 +20,23 @@ def test_columns_in_any_order_degrees_and_notices(write):
     assert (motion.name, motion.joint_names) == ("m", LEG.joint_names)
 
 
+@pytest.mark.parametrize(
+    ("columns", "column_map", "example"),
+    [
+        (["hip", "knee"], None, '{"ankle": "its column"}'),
+        (["hip_flexion_r", "q/knee"], None, '{"ankle": "its column"}'),
+        (["hip", "knee", "pelvis_tilt"], None, '{"ankle": "pelvis_tilt"}'),
+        (["hip", "crank"], {"knee": "-crank"}, '{"ankle": "its column"}'),
+        (["ankle", "crank", "knee"], None, '{"hip": "crank"}'),
+    ],
+)
+def test_the_map_suggested_gives_no_joint_the_column_of_another(write, columns, column_map, example):
+    path = write(TIME, DATA[:, : len(columns)], columns)
+    with pytest.raises(MotionError, match=r"no column for joint") as raised:
+        Motion.from_file(path, LEG, column_map=column_map)
+    assert str(raised.value).endswith(f": map one with a column map such as {example}")
+
+
 def test_radians_and_slides_are_not_converted(write):
     values = np.column_stack([0.3 * TIME, 2 * TIME])
     for in_degrees, factor in ((False, 1), (True, DEG)):

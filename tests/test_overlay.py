@@ -1,5 +1,8 @@
 """Activity from elsewhere, and how it is laid over the excitations; OpenSim's tables as one source of it."""
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import SHARED
@@ -9,7 +12,9 @@ from mjhcmc import opensim_reference as reference
 from mjhcmc.activity import Activity
 from mjhcmc.opensim_reference import find_reference, read_reference, read_run
 from mjhcmc.plotting import excitation_figure
+from mjhcmc.reproduce import Reproduction
 
+BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 TIME = np.array([0.6, 0.7, 0.8])
 TABLE = """time,q_hip,q_knee,q_ankle,a_tib_ant_r,a_iliopsoas_r,u_iliopsoas_r,u_tib_ant_r,a_somebody
 0,0,0,-0,.1,.2,.3,.4,9
@@ -92,6 +97,14 @@ def test_overlays_are_told_apart_and_lie_on_top(fast_solution):
     assert first.get_linestyle() == second.get_linestyle() == "--"
     assert first._dash_pattern != second._dash_pattern
     assert first.get_zorder() > max(artist.get_zorder() for artist in (mine, *ax.patches))
+
+
+def test_overlays_lie_on_top_of_any_number_of_solutions(fast_solution):
+    solutions = {f"run {k}": fast_solution for k in range(9)}
+    ax = panel(excitation_figure(solutions, {"EMG": activity()}), "vasti")
+    below = [artist for artist in ax.get_lines() if artist.get_label() == "activation"]
+    assert len(below) == 9
+    assert line(ax, "EMG").get_zorder() > max(artist.get_zorder() for artist in (*below, *ax.patches))
 
 
 def test_overlay_does_not_change_the_axes(fast_solution):
@@ -186,3 +199,20 @@ def test_opensims_own_runs_follow_the_cosine(leg8, slow, fast):
         static = read_reference(leg8, name, "static")
         assert (static.excitation, static.qpos) == (None, None)
         np.testing.assert_allclose(static.time[[0, -1]], motion.time[[0, -1]])
+
+
+def test_documents_tell_one_error_of_opensims_stored_run(leg8, fast, monkeypatch):
+    """The table of accuracy.py has what the stored run says, as `reproduce` has; where there is none, no figure."""
+    if find_reference() is None:
+        pytest.skip("OpenSim's runs (shared/reference/opensim_cmc) are not beside this checkout")
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    script = runpy.run_path(str(BENCHMARKS / "accuracy.py"))
+    run = read_reference(leg8, "fast")
+    error = np.rad2deg(Reproduction("fast", {}, {}, 0.0, run).opensim_error())
+    expected = [f"{value:.3g}" for value in (*np.abs(error).max(axis=0), *np.sqrt((error**2).mean(axis=0)))]
+    assert script["opensim_cmc"]("fast", 0.01) == expected
+    row = "| fast, 10 ms | OpenSim 4.6 CMC, 10 ms look-ahead | " + " | ".join(expected) + " |"
+    assert row in (BENCHMARKS.parent / "docs" / "accuracy.md").read_text(encoding="utf-8")
+    assert script["opensim_cmc"]("slow", 0.005) == []
+    monkeypatch.setattr(reference, "find_reference", lambda: None)
+    assert script["opensim_cmc"]("fast", 0.01) == []

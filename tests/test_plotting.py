@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgb
 from matplotlib.patches import StepPatch
 from matplotlib.text import Text
 
@@ -146,41 +147,70 @@ def test_windows_that_are_not_ok_are_shaded_in_every_panel():
     assert "reserve in use" in legend(figure)
 
 
+def activations(ax):
+    return [artist for artist in ax.get_lines() if artist.get_label() == "activation"]
+
+
 def test_several_solutions_lie_over_each_other_in_their_own_colors():
     one, two = make(seed=1), make(seed=2, method="cmc")
     figure = excitation_figure({"HCMC": one, "CMC": two})
     for j, ax in enumerate(figure.axes):
-        drawn = steps(ax, "excitation")
-        np.testing.assert_array_equal(
-            [p.get_data().values for p in drawn], [one.excitation[:, j], two.excitation[:, j]]
-        )
-        assert drawn[0].get_edgecolor() != drawn[1].get_edgecolor()
-    assert legend(figure)[:2] == ["HCMC", "CMC"]
-    assert "HCMC, CMC · leg8" in figure.get_suptitle()
+        drawn = activations(ax)
+        np.testing.assert_array_equal([a.get_ydata() for a in drawn], [one.activation[:, j], two.activation[:, j]])
+        assert drawn[0].get_color() != drawn[1].get_color()
+    assert legend(figure) == ["HCMC", "CMC", "excitation of HCMC"]
+    assert figure.get_suptitle() == "Muscle activation · HCMC, CMC · leg8 · fast · dt 10 ms"
+    assert figure.axes[0].get_ylabel() == "activation (–)"
     # A method keeps its color, whatever stands beside it.
-    alone = excitation_figure({"CMC": two, "HCMC": one}).axes[0]
-    assert steps(alone, "excitation")[0].get_edgecolor() == steps(figure.axes[0], "excitation")[1].get_edgecolor()
+    other = excitation_figure({"CMC": two, "HCMC": one}).axes[0]
+    assert activations(other)[0].get_color() == activations(figure.axes[0])[1].get_color()
+
+
+def test_of_several_only_the_first_shows_its_excitation():
+    one, two = make(seed=1), make(seed=2, method="cmc")
+    for j, ax in enumerate(excitation_figure({"HCMC": one, "CMC": two}).axes):
+        (step,) = steps(ax, "excitation")
+        np.testing.assert_array_equal(step.get_data().values, one.excitation[:, j])
+        assert step.get_edgecolor()[:3] == pytest.approx(to_rgb(activations(ax)[0].get_color()))
+
+
+def test_solutions_that_agree_are_all_seen():
+    """Each line on top is thinner than what it lies on: nothing is hidden, the first least."""
+    one = make(seed=1)
+    figure = excitation_figure({"a": one, "b": replace(one, settings={"method": "cmc"})})
+    wide, thin = activations(figure.axes[0])
+    assert wide.get_zorder() < thin.get_zorder()
+    assert wide.get_linewidth() >= 2 * thin.get_linewidth()
+    before = pixels(figure)
+    for drawn in (wide, thin):
+        drawn.set_visible(False)
+        assert (pixels(figure) != before).any(axis=-1).sum() > 100
+        drawn.set_visible(True)
+    handles = figure.legends[0].get_lines()
+    assert [h.get_linewidth() for h in handles] == [wide.get_linewidth(), thin.get_linewidth()]
+    assert [h.get_color() for h in handles] == [wide.get_color(), thin.get_color()]
 
 
 def test_solutions_of_one_method_still_differ_in_color():
     figure = excitation_figure({f"dt {k}": make(seed=k) for k in range(4)})
-    assert len({p.get_edgecolor() for p in steps(figure.axes[0], "excitation")}) == 4
+    assert len({a.get_color() for a in activations(figure.axes[0])}) == 4
 
 
-def test_status_bars_of_several_solutions_stay_above_full_excitation():
+def test_the_legend_tells_once_which_windows_of_several_solutions_are_not_ok():
     one = make(seed=1)
-    two = replace(make(seed=2, method="cmc"), status=np.full(30, WindowStatus.UNMET, dtype=np.int64))
-    ax = excitation_figure({"a": one, "b": two}).axes[0]
-    assert shaded(ax, 30, one.time).all()
-    bottom = min(path.vertices[:, 1].min() for c in ax.collections for path in c.get_paths())
-    top = max(path.vertices[:, 1].max() for c in ax.collections for path in c.get_paths())
-    assert 1.0 < bottom < top <= ax.get_ylim()[1]
+    status = np.full(30, WindowStatus.UNMET, dtype=np.int64)
+    status[:4] = WindowStatus.RESERVE
+    figure = excitation_figure({"a": one, "b": replace(make(seed=2, method="cmc"), status=status)})
+    assert legend(figure)[:2] == ["a", "b (reserve in use in 4 of 30 windows, moment unmet in 26 of 30 windows)"]
+    for ax in figure.axes:
+        assert not shaded(ax, 30, one.time).any()
 
 
 def test_a_muscle_that_one_solution_lacks_is_drawn_for_the_other():
     figure = excitation_figure({"a": make(("soleus", "vasti")), "b": make(("vasti", "tib_ant"), method="cmc")})
-    titles = {ax.get_title(loc="left"): len(steps(ax, "excitation")) for ax in figure.axes}
+    titles = {ax.get_title(loc="left"): len(activations(ax)) for ax in figure.axes}
     assert titles == {"soleus": 1, "vasti": 2, "tib ant": 1}
+    assert not steps(figure.axes[2], "excitation")
 
 
 def test_nothing_to_draw_is_refused():

@@ -1,6 +1,7 @@
 """Joint reactions: closed forms, Newton and Euler, and virtual work on a cut model."""
 
 import dataclasses
+import warnings
 from itertools import pairwise
 
 import mujoco
@@ -17,6 +18,7 @@ from mjhcmc import MujocoPlant
 from mjhcmc.detail import detail_of
 from mjhcmc.leg8 import leg8_xml
 from mjhcmc.plant import State
+from mjhcmc.plotting import moment_figure
 from mjhcmc.reactions import joint_reactions
 
 GRAVITY = np.array([0, 0, -9.81])
@@ -254,16 +256,43 @@ def test_what_acts_on_bodies_at_a_place_not_followed_leaves_reactions_unknown(ch
     if "medium" in found:
         xml = xml.replace("<option ", '<option density="1000" ')
     model = load_xml(xml.format(flag=NO_CONSTRAINTS, more=""))
+    detail = detail_of(recorded(model, np.zeros((2, 5))))
     with pytest.warns(mjhcmc.MjhcmcWarning, match=rf"model 'everything': joint reactions are not known.*{found}"):
-        detail = detail_of(recorded(model, np.zeros((2, 5))))
-    assert np.isnan(detail.joint_reaction_force).all()
+        force = detail.joint_reaction_force
+    assert np.isnan(force).all()
     assert np.isnan(detail.joint_reaction_moment).all()
     assert np.isfinite(detail.muscle_moment).all()
 
 
-def test_generalized_loads_from_outside_leave_reactions_unknown_and_nothing_else(fast_solution):
-    load = np.full_like(fast_solution.net_joint_moment, 3.0)
+@pytest.fixture
+def loaded(fast_solution):
+    """Under a load from outside, as joint moments given by a user leave it."""
+    return dataclasses.replace(fast_solution, external_load=np.full_like(fast_solution.net_joint_moment, 3.0))
+
+
+def test_generalized_loads_from_outside_leave_reactions_unknown_and_nothing_else(fast_solution, loaded):
+    detail = loaded.detail
     with pytest.warns(mjhcmc.MjhcmcWarning, match="where the loads from outside act on the bodies is not recorded"):
-        detail = detail_of(dataclasses.replace(fast_solution, external_load=load))
-    assert np.isnan(detail.joint_reaction_force).all()
+        force = detail.joint_reaction_force
+    assert np.isnan(force).all()
+    assert np.isnan(detail.joint_reaction_moment).all()
     assert_array_equal(detail.muscle_moment, fast_solution.detail.muscle_moment)
+
+
+@pytest.mark.parametrize("name", ["joint_reaction_force", "joint_reaction_moment"])
+def test_the_notice_comes_once_and_where_reactions_are_read(loaded, name):
+    detail = loaded.detail
+    with pytest.warns(mjhcmc.MjhcmcWarning) as told:
+        getattr(detail, name)
+    assert [notice.filename for notice in told] == [__file__]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isnan(detail.joint_reaction_force).all()
+        assert np.isnan(detail.joint_reaction_moment).all()
+
+
+def test_who_does_not_ask_for_reactions_hears_nothing_of_them(loaded):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isfinite(loaded.detail.muscle_power).all()
+        assert moment_figure(loaded).axes

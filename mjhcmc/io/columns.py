@@ -127,9 +127,7 @@ def match_columns(table: MotionTable, model: JointModel, given: dict[str, str]) 
         )
     used, signs = [], np.ones(len(joints))
     for j, joint in enumerate(joints):
-        shipped = model.column_map.get(joint)
-        looked_for = [given[joint]] if joint in given else [joint, *filter(None, [shipped])]
-        for name in looked_for if joint in given else [joint, SOLUTION_PREFIX + joint, *looked_for[1:]]:
+        for name in _names_of(model, joint, given):
             at = find_column(table, name.removeprefix("-"))
             if at is not None:
                 used.append(at)
@@ -142,13 +140,29 @@ def match_columns(table: MotionTable, model: JointModel, given: dict[str, str]) 
                     f"{table.path}: no column {given[joint].removeprefix('-')!r}, which the column map "
                     f"names for joint {joint}; {columns}: name one of them"
                 )
+            looked_for = [name.removeprefix("-") for name in _names_of(model, joint, given)]
+            looked_for.remove(SOLUTION_PREFIX + joint)
             raise MotionError(
                 f"{table.path}: no column for joint {joint} of model {model.name} (looked for "
-                f"{' and '.join(name.removeprefix('-') for name in looked_for)}); {columns}: "
+                f"{' and '.join(looked_for)}); {columns}: "
                 f"map one with a column map such as "
-                f"{{{json.dumps(joint)}: {json.dumps((*table.columns, 'column')[0])}}}"
+                f"{{{json.dumps(joint)}: {json.dumps(_free_column(table, model, given))}}}"
             )
     return used, signs
+
+
+def _names_of(model: JointModel, joint: str, given: dict[str, str]) -> list[str]:
+    """Names that a joint's column may have, a minus in front of those that flip it."""
+    if joint in given:
+        return [given[joint]]
+    return [joint, SOLUTION_PREFIX + joint, *filter(None, [model.column_map.get(joint)])]
+
+
+def _free_column(table: MotionTable, model: JointModel, given: dict[str, str]) -> str:
+    """A column that is no joint's, for an example; a word in its place where each is."""
+    names = [name.removeprefix("-") for joint in model.joint_names for name in _names_of(model, joint, given)]
+    taken = {find_column(table, name) for name in names}
+    return next((column for i, column in enumerate(table.columns) if i not in taken), "its column")
 
 
 def find_column(table: MotionTable, name: str) -> int | None:

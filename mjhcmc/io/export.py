@@ -68,13 +68,8 @@ def export_opensim(solution: Solution, stem: str | Path) -> list[Path]:
         stem.with_name(f"{stem.name}_states.sto"): ("states", *_states(solution, model)),
     }
     texts = {}
+    check_names(model)
     for path, (name, time, columns) in tables.items():
-        for label in columns:
-            if len(label.split()) != 1:
-                raise OutputError(
-                    f"{path}: column name {label!r} cannot be written: OpenSim's names hold no blanks: rename that "
-                    "joint or muscle in the model"
-                )
         if path.is_dir():
             raise OutputError(f"{path}: cannot be written, it is a folder: choose another name")
         values = np.column_stack(list(columns.values()))
@@ -83,6 +78,22 @@ def export_opensim(solution: Solution, stem: str | Path) -> list[Path]:
         for path, text in texts.items():
             stack.enter_context(written_whole(path)).write_text(text, encoding="utf-8", newline="\n")
     return list(texts)
+
+
+def check_names(model: MuscleModel) -> None:
+    """See that OpenSim can read the names that an export of this model would hold, before the work begins.
+
+    Raises:
+        OutputError: a name with a blank.
+    """
+    joints = [model.opensim.paths.get(joint, joint) for joint in model.joint_names]
+    muscles = [model.opensim.muscles.get(muscle, muscle) for muscle in model.muscle_names]
+    for name in (*joints, *muscles):
+        if len(name.split()) != 1:
+            raise OutputError(
+                f"model {model.name!r}: {name!r} cannot be written: OpenSim's names hold no blanks: rename that joint "
+                "or muscle in the model"
+            )
 
 
 def _controls(solution: Solution, model: MuscleModel) -> tuple[Array, dict[str, Array]]:

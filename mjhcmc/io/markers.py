@@ -12,6 +12,9 @@ which leaves a least-squares problem in q alone (variable projection: Golub & Pe
 
 The angles follow from the markers only where at least three that do not lie on a line are on bodies that no joint
 moves (a pelvis, where it is the root), and others see every joint.
+
+Any rigid transform is allowed, so that Y up is as good as Z up; a reflection is none. Markers in left-handed axes fit
+badly, and are known by this: mirrored, they fit.
 """
 
 from dataclasses import dataclass
@@ -37,7 +40,13 @@ _TOLERANCE = 1e-10  # of the gradient, m2/rad: some 1e-7 rad; less drowns in the
 _NOTHING = 1e-14  # m2: a sum of squares that is rounding
 _STEPS = 200
 _STARTS = 8  # poses that the first frame is tried from
-_WORTH_A_WORD = 0.02  # m rms: more means markers on the wrong sites, or a model of other lengths
+# Skin slides over the bone by some 40 mm where it is worst, at the thigh (Leardini et al. 2005, Gait Posture 21,
+# 212-225): the rms over a set of markers stays below this, whatever the subject
+_NO_FIT = 0.05  # m rms
+_NO_FIT_SHARE = 0.25  # rms to the markers' spread, for small animals: markers on random sites have about 1
+_WORTH_A_WORD = 0.4  # of these: more means markers on the wrong sites, or a model of other lengths
+_MIRRORED = 0.5  # of the rms as they are: markers that fit better than this when mirrored are mirrored
+_MIRRORED_FRAMES = 12
 
 
 def marker_rows(
@@ -59,8 +68,8 @@ def marker_rows(
         at its limit.
 
     Raises:
-        MotionError: the file or the map does not allow it, or the markers do not determine the angles, in all or in
-            one frame.
+        MotionError: the file or the map does not allow it, the markers do not determine the angles, in all or in
+            one frame, their axes are left-handed, or they are nowhere near their sites.
         ModelError: the model is no MuscleModel.
     """
     m = getattr(model, "mj_model", None)
@@ -94,9 +103,21 @@ def marker_rows(
     qpos, distance = fit.solve(positions[rows], seen[rows])
     begin, finish = span(table.time, kept, rows, start, end)
     inside = (table.time[rows] >= begin) & (table.time[rows] <= finish)
+    fit_notice = _fit_notice(names, table.time[rows][inside], distance[inside])
+    misfit = _misfit(positions[rows][inside], distance[inside])
+    if misfit > _WORTH_A_WORD:
+        if why := fit.what_is_mirrored(positions[rows][inside], seen[rows][inside], distance[inside]):
+            raise MotionError(f"{path}: {fit_notice}: {why}")
+        if misfit > 1:
+            raise MotionError(
+                f"{path}: {fit_notice}: too far for markers on these sites: check which marker is on which site "
+                "(column map of sites and markers), the file's unit, and the model's lengths, which are not scaled to "
+                "the subject"
+            )
+        fit_notice += ": markers on wrong sites, or a model of other lengths, make such distances"
     unused = [name for i, name in enumerate(table.names) if i not in used]
     notices = [
-        _fit_notice(names, table.time[rows][inside], distance[inside]),
+        fit_notice,
         *fit.limit_notices(table.time[rows][inside], qpos[inside]),
         *([f"markers not used: {listed(unused)}"] if unused else []),
     ]
@@ -213,6 +234,19 @@ class _Fit:
             distance[frame, there] = np.linalg.norm(residual, axis=1)
         return qpos, distance
 
+    def what_is_mirrored(self, positions: Array, seen: NDArray[np.bool_], distance: Array) -> str | None:
+        """Left-handed axes in words, where the markers fit much better mirrored; distance (T, n) m as they are."""
+        some = np.unique(np.linspace(0, len(positions) - 1, _MIRRORED_FRAMES).round().astype(int))
+        # frame by frame, each as a first one: they are too far apart to lead one another
+        mirrored = [self.solve(positions[[f]] * [-1.0, 1.0, 1.0], seen[[f]])[1] for f in some]
+        there, as_they_are = _rms(np.concatenate(mirrored)), _rms(distance[some])
+        if there < _MIRRORED * as_they_are:
+            return (
+                f"axes are left-handed: mirrored, the markers come within {1e3 * there:.3g} mm rms: reverse the sign "
+                "of one axis, or swap two, in the file; or the markers are of the body's other side"
+            )
+        return None
+
     def limit_notices(self, time: Array, qpos: Array) -> list[str]:
         """A line for each joint that its range held back."""
         notices = []
@@ -294,10 +328,19 @@ def _without_rigid(points: Array, jacobian: Array) -> Array:
 
 def _fit_notice(names: list[str], time: Array, distance: Array) -> str:
     """How well the markers were met."""
-    rms = float(np.sqrt(np.nanmean(distance**2)))
     frame, marker = np.unravel_index(int(np.nanargmax(distance)), distance.shape)
     return (
-        f"inverse kinematics on {len(names)} markers: {1e3 * rms:.3g} mm rms, worst {names[marker]} with "
+        f"inverse kinematics on {len(names)} markers: {1e3 * _rms(distance):.3g} mm rms, worst {names[marker]} with "
         f"{1e3 * distance[frame, marker]:.3g} mm at {time[frame]:.6g} s"
-        + (": markers on wrong sites, or a model of other lengths, make such distances" if rms > _WORTH_A_WORD else "")
     )
+
+
+def _misfit(positions: Array, distance: Array) -> float:
+    """How far markers (T, n, 3) m are from their sites, (T, n) m, to what no markers on the right ones are."""
+    spread = _rms(np.linalg.norm(positions - np.nanmean(positions, axis=1, keepdims=True), axis=2))
+    return _rms(distance) / min(_NO_FIT, _NO_FIT_SHARE * spread)
+
+
+def _rms(distance: Array) -> float:
+    """Root of the mean square of those that are there."""
+    return float(np.sqrt(np.nanmean(distance**2)))

@@ -16,7 +16,9 @@ from mjhcmc.model import MuscleModel
 
 SUFFIXES = (*opensim.SUFFIXES, *csv_table.SUFFIXES)
 
-_FORMS = ("{}_moment", "{}_force", "moment/{}", "{}")  # OpenSim's inverse dynamics; our own tables; as it is
+_PLAIN = "{}"
+_FORMS = ("{}_moment", "{}_force", "moment/{}", _PLAIN)  # OpenSim's inverse dynamics; our own tables; as it is
+_ANGLES = ("deg", "rad")
 
 
 def read_moments(
@@ -49,12 +51,17 @@ def read_moments(
 
 def _column(table: MotionTable, model: MuscleModel, joint: str, given: Mapping[str, str]) -> NDArray[np.float64]:
     names = [given[joint]] if joint in given else [joint, *filter(None, [model.column_map.get(joint)])]
-    for name in names:
-        for form in _FORMS:
+    for form in _FORMS:
+        for name in names:
             column = form.format(name.removeprefix("-"))
             if column in table.columns:
-                values = table.values[:, table.columns.index(column)]
-                return -values if name.startswith("-") else values
+                i = table.columns.index(column)
+                if table.units[i] in _ANGLES or (table.in_degrees and form == _PLAIN):
+                    raise MotionError(
+                        f"{table.path}: column {column} holds angles in {table.units[i] or 'degrees'}, by what the "
+                        f"file says: give a file of joint moments, or name joint {joint}'s with a column map"
+                    )
+                return -table.values[:, i] if name.startswith("-") else table.values[:, i]
     looked_for = ", ".join(form.format(name.removeprefix("-")) for name in names for form in _FORMS)
     raise MotionError(
         f"{table.path}: no column for the moment at joint {joint} (looked for {looked_for}); its columns are "

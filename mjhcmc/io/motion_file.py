@@ -51,7 +51,9 @@ def read_motion(
         from mjhcmc.io.markers import marker_rows
 
         if angle_unit is not None or angles != "joint":
-            raise SettingsError(f"{path}: holds markers, not angles: leave angle_unit and angles out")
+            given = [] if angle_unit is None else [f"angle_unit {angle_unit!r}"]
+            given += [] if angles == "joint" else [f"angles {angles!r}"]
+            raise SettingsError(f"{path}: holds markers, not angles: leave out {' and '.join(given)}")
         rows = marker_rows(path, model, read_map(column_map, "site", "marker"), start, end, reach)
     else:
         rows = _table_rows(path, model, read_map(column_map), start, end, reach, angle_unit, angles)
@@ -63,7 +65,7 @@ def check_options(lowpass_hz: float | None, angle_unit: str | None, angles: str)
     if lowpass_hz is not None:
         check_cutoff(lowpass_hz)
     if angle_unit not in (None, "deg", "rad"):
-        raise SettingsError(f"angle_unit {angle_unit!r}: choose 'deg' or 'rad', or None for what the file says")
+        raise SettingsError(f"angle_unit {angle_unit!r}: choose 'deg' or 'rad', or leave it out where the file says")
     if angles not in ("joint", "segment"):
         raise SettingsError(f"angles {angles!r}: choose 'joint' or 'segment'")
 

@@ -9,13 +9,14 @@ The muscles are to give q''* at t+T, where the motion is expected to be: at q_d(
 forces that they can have there lie between those after T under no and under full excitation. The fast target gives
 q''* exactly at the least cost; where the muscles cannot, the slow target trades accelerations for cost,
 
-    minimize  |q''(a) - q''*|^2 + sum w (a - a0)^2,
+    minimize  |q''(a) - q''*|^2 + cost/(mean weight)   (q'' in rad/s^2, at slides in m/s^2),
 
 unless reserves help. Excitations are the roots of F(t+T; u) = F*; they are held over the window dt.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,9 +25,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc import dynamics
-from mjhcmc.errors import SettingsError
+from mjhcmc.errors import MjhcmcWarning, SettingsError
 from mjhcmc.joint_moments import JointMoments
-from mjhcmc.methods.run import Inputs, Progress, reserve_price, run, static_start
+from mjhcmc.methods.run import Inputs, Progress, rate_at, reserve_price, run, static_start
 from mjhcmc.methods.windows import Windows, check_flag, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
@@ -34,11 +35,10 @@ from mjhcmc.plant import MujocoPlant, State
 from mjhcmc.sharing import Sharing, share
 from mjhcmc.solution import Solution
 
-LOOK_AHEAD = 0.01
-"""s, OpenSim's default."""
-
 _FEASIBLE = 1e-6  # of the acceleration that all muscles together can give: the fast target is met
 _SLOW_COST = 1.0  # (rad/s^2)^2 a unit of cost: accelerations come first
+_FASTEST = 50.0  # 1/s: kp = w^2, kv = 2 w, chosen by benchmarks/cmc_gains.py
+_FASTEST_IN_WINDOWS = 0.8  # w dt: the held law is unstable from 1
 
 
 def cmc(
@@ -58,9 +58,9 @@ def cmc(
     disabled: Sequence[str] = (),
     solver: str = "newton",
     joint_moments: JointMoments | None = None,
-    look_ahead: float = LOOK_AHEAD,
-    kp: float = 2500.0,
-    kv: float = 100.0,
+    look_ahead: float | None = None,
+    kp: float | None = None,
+    kv: float | None = None,
     plant: MujocoPlant | None = None,
     progress: Progress | None = None,
 ) -> Solution:
@@ -82,9 +82,11 @@ def cmc(
         disabled: names of muscles that stay switched off.
         solver: of the allocation.
         joint_moments: to share in place of those of inverse dynamics.
-        look_ahead: s, T; rounded to physics steps. It does not depend on dt.
-        kp: 1/s^2, position gain; OpenSim's 100 follows fast movements less well (benchmarks/cmc_gains.py).
-        kv: 1/s, velocity gain; 2 sqrt(kp) damps critically.
+        look_ahead: s, T; dt by default, as OpenSim's CMC has one window for both (10 ms, as dt here). Rounded to
+            physics steps. Longer than dt the force is on its way only, much shorter excitations chatter.
+        kp: 1/s^2, position gain: 2500 by default, less where dt is above 16 ms. OpenSim's 100 follows fast movements
+            less well (benchmarks/cmc_gains.py).
+        kv: 1/s, velocity gain; 2 sqrt(kp), critical damping, by default.
         plant: what is stepped.
         progress: called with (windows solved, windows in all).
 
@@ -92,7 +94,7 @@ def cmc(
         The solution. ``shortfall`` is what the targets leave at t+T.
 
     Raises:
-        SettingsError: as `hcmc`; or a look-ahead or gain that is not a positive number.
+        SettingsError: as `hcmc`; a look-ahead or gain that is not a positive number; gains too fast for dt.
         MotionError: as `hcmc`.
         SimulationError: as `hcmc`.
         SolveInterrupted: as `hcmc`.
@@ -101,8 +103,49 @@ def cmc(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant
     )
     sharing = share(model, cost, weights, smoothness, min_activation, disabled, solver)
-    method = _Cmc(sharing, reserves, look_ahead, kp, kv)
+    method = _Cmc(sharing, reserves, _steps_ahead(look_ahead, windows), *_gains(kp, kv, windows.dt))
     return run(method, windows, progress, own_plant=plant is not None)
+
+
+def _gains(kp: float | None, kv: float | None, dt: float) -> tuple[float, float]:
+    """kp and kv, with defaults that suit the window.
+
+    Held over dt, the law q'' = -kv v - kp q is stable where kv dt < 2 and kp dt < 2 kv (Jury's conditions for the
+    double integrator under a zero-order hold).
+    """
+    for name, value in (("kp", kp), ("kv", kv)):
+        if value is not None and not (_is_number(value) and 0 < value < np.inf):
+            raise SettingsError(f"{name} must be a positive number; got {value!r}")
+    w = min(_FASTEST, _FASTEST_IN_WINDOWS / dt) if kp is None else float(np.sqrt(kp))
+    position, velocity = float(w**2 if kp is None else kp), float(2 * w if kv is None else kv)
+    if velocity * dt >= 2 or position * dt >= 2 * velocity:
+        raise SettingsError(
+            f"kp {position:g} and kv {velocity:g} are unstable when held over dt {dt:g} s, which takes kv < {2 / dt:g} "
+            "and kp < 2 kv/dt: choose smaller gains or a smaller dt"
+        )
+    return position, velocity
+
+
+def _steps_ahead(look_ahead: float | None, windows: Windows) -> float:
+    """The look-ahead, s, as a whole number of physics steps."""
+    if look_ahead is None:
+        return windows.dt
+    if not (_is_number(look_ahead) and 0 < look_ahead <= windows.motion.duration):
+        raise SettingsError(
+            f"look_ahead must be positive and at most the motion's {windows.motion.duration:g} s; got {look_ahead!r}"
+        )
+    if look_ahead < windows.dt / 2:
+        warnings.warn(
+            f"look_ahead {look_ahead:g} s is short for dt {windows.dt:g} s, over which excitations are held: expect "
+            "them to chatter",
+            MjhcmcWarning,
+            stacklevel=3,
+        )
+    return max(1, round(look_ahead / windows.plant.physics_dt)) * windows.plant.physics_dt
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 @dataclass(frozen=True)
@@ -117,10 +160,6 @@ class _Cmc:
 
     def __post_init__(self) -> None:
         check_flag("reserves", self.reserves)
-        for name in ("look_ahead", "kp", "kv"):
-            value = getattr(self, name)
-            if not (isinstance(value, (int, float, np.integer, np.floating)) and 0 < value < np.inf):
-                raise SettingsError(f"{name} must be a positive number; got {value!r}")
 
     def settings(self) -> dict[str, Any]:
         """See `run.Method`."""
@@ -134,12 +173,13 @@ class _Cmc:
     def window(self, windows: Windows, k: int, state: State, before: Inputs) -> Inputs:
         """See `run.Method`."""
         plant, reference = windows.plant, windows.reference
-        n_step = max(1, round(self.look_ahead / plant.physics_dt))
+        n_step = round(self.look_ahead / plant.physics_dt)
         ahead = windows.reference_at(reference.time[k] + n_step * plant.physics_dt)
         q_error, v_error = reference.qpos[k] - state.qpos, reference.qvel[k] - state.qvel
         qacc = ahead.qacc[0] + self.kv * v_error + self.kp * q_error
         lb, ub = plant.reachable(state.activation, n_step)
 
+        rate = rate_at(plant, state, before.reserve)
         expected = replace(state, time=float(ahead.time[0]), qpos=ahead.qpos[0] - q_error, qvel=ahead.qvel[0] - v_error)
         plant.set_state(expected)
         plant.set_input(None, np.zeros(windows.model.nv))
@@ -151,7 +191,7 @@ class _Cmc:
             excitation=self.sharing.excitation(plant.excitation_reaching(state.activation, activation, n_step)),
             reserve=lacking if self.reserves else np.zeros_like(lacking),
             shortfall=lacking,
-            fastest_rate=0.0,
+            fastest_rate=rate,
         )
 
     def _targets(
@@ -168,6 +208,7 @@ class _Cmc:
         if not self.reserves and np.abs(problem.P @ found.reserve).max(initial=0.0) > _FEASIBLE:
             inverse: NDArray[np.float64] = np.asarray(np.linalg.inv(M))
             size = float(np.abs(inverse @ moments.B).sum(axis=1).max(initial=1.0))
-            slow = replace(problem, P=inverse / size, eps=_SLOW_COST / size**2)
+            eps = _SLOW_COST / (size**2 * float(self.sharing.weights.mean()))  # of weights only ratios matter
+            slow = replace(problem, P=inverse / size, eps=eps)
             found = self.sharing.allocate(slow)
         return found.activation, found.reserve

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc import dynamics
-from mjhcmc.errors import SettingsError, SimulationError
+from mjhcmc.errors import DivergedError, SettingsError
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.methods.run import Inputs, Progress, reserve_price, run, static_start
 from mjhcmc.methods.windows import Windows, check_flag, decay_rate, prepare
@@ -156,7 +156,7 @@ class _Hcmc:
             end = plant.get_state()
             qacc = plant.forward().copy()
             if not (np.isfinite(qacc).all() and np.isfinite(end.activation).all()):
-                raise SimulationError(
+                raise DivergedError(
                     f"the simulation diverged in the window at {reference.time[k]:.4g} s: use physics_dt <= "
                     f"{plant.physics_dt / 2:.2g}, or filter the motion"
                 )

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc import dynamics
-from mjhcmc.errors import MjhcmcWarning, SimulationError
+from mjhcmc.errors import DivergedError, MjhcmcWarning, SimulationError
 from mjhcmc.log import get_logger
-from mjhcmc.methods.windows import Windows
+from mjhcmc.methods.windows import Windows, decay_rate
 from mjhcmc.plant import MujocoPlant, State
 from mjhcmc.sharing import Sharing
 from mjhcmc.solution import Solution, window_status
@@ -43,7 +43,7 @@ class Inputs:
         excitation: (n_muscle,).
         reserve: (nv,) N m, applied.
         shortfall: (nv,) N m, what the muscles cannot give at the window's end.
-        fastest_rate: 1/s, decay rate of the velocities at the window's end; 0 where the method does not look.
+        fastest_rate: 1/s, decay rate of the velocities at one end of the window.
     """
 
     excitation: NDArray[np.float64]
@@ -82,10 +82,14 @@ def run(method: Method, windows: Windows, progress: Progress | None, *, own_plan
     began = time.perf_counter()
     settings = method.settings()
     _log.info("%s on %s, %s: %d windows", settings["method"], windows.model.name, windows.motion.name, windows.count)
+    longest: Solution | None = None
     for tries_left in reversed(range(_FINER_TRIES + 1)):
         try:
             solution = _run(method, windows, progress)
-        except SimulationError as error:
+        except DivergedError as error:
+            if longest is None or (error.solution is not None and error.solution.n_window > longest.n_window):
+                longest = error.solution
+            error.solution = longest
             if own_plant or not tries_left:
                 raise
             step = windows.plant.physics_dt / 4
@@ -99,9 +103,10 @@ def run(method: Method, windows: Windows, progress: Progress | None, *, own_plan
 
 
 def _run(method: Method, windows: Windows, progress: Progress | None) -> Solution:
-    state, inputs = method.start(windows)
-    record = Record(windows, method.settings(), [state])
+    record = Record(windows, method.settings(), [])
     try:
+        state, inputs = method.start(windows)
+        record.states.append(state)
         for k in range(windows.count):
             inputs = method.window(windows, k, record.states[-1], inputs)
             windows.plant.set_state(record.states[-1])
@@ -145,6 +150,16 @@ def static_start(windows: Windows, sharing: Sharing, *, reserves: bool) -> tuple
     return state, inputs
 
 
+def rate_at(plant: MujocoPlant, state: State, reserve: NDArray[np.float64]) -> float:
+    """Decay rate of the velocities at a state, 1/s, for methods that do not look at it anyway."""
+    plant.set_state(state)
+    plant.set_input(None, reserve)
+    plant.forward()
+    M = dynamics.mass_matrix(plant)
+    D, _ = dynamics.damping_and_stiffness(plant)
+    return decay_rate(M, D)
+
+
 def reserve_price(M: NDArray[np.float64], *, reserves: bool) -> NDArray[np.float64]:
     """(nv, nv) kg m^2, the inertia by which reserves are priced (see `allocation.build_problem`).
 
@@ -168,7 +183,7 @@ class Record:
         """Write down one window and the state at its end.
 
         Raises:
-            SimulationError: the state is not finite.
+            DivergedError: the state is not finite.
         """
         for name, values, labels in (
             ("position", end.qpos, self.windows.model.joint_names),
@@ -177,7 +192,7 @@ class Record:
         ):
             if not np.isfinite(values).all():
                 label = labels[int(np.argmin(np.isfinite(values)))]
-                raise SimulationError(
+                raise DivergedError(
                     f"the {name} of {label!r} is not finite at {end.time:.4g} s: the simulation diverged; use a "
                     "smaller physics_dt, or filter the motion"
                 )
@@ -187,7 +202,7 @@ class Record:
     @property
     def count(self) -> int:
         """Windows written down whole: the state at the end comes last, also when an interrupt falls between."""
-        return len(self.states) - 1
+        return max(0, len(self.states) - 1)
 
     def solution(self, *, interrupted: bool = False) -> Solution:
         """Everything that follows from the record; one pass over the nodes."""
@@ -207,14 +222,18 @@ class Record:
             moment[k] = dynamics.net_joint_moment(plant)
         qpos = np.array([state.qpos for state in self.states])
         desired = windows.reference.qpos[: n + 1]
+        given = windows.joint_moments
         everything = {
             "model": model.name,
             "motion": windows.motion.name,
-            "joint_moments": windows.moments_name,
+            "joint_moments": None if given is None else given.name,
             "dt": windows.dt,
             "physics_dt": plant.physics_dt,
             **self.settings,
         }
+        if given is not None:
+            difference = np.abs(moment - given.sample(windows.reference.time[: n + 1])).max(axis=0)
+            everything["joint_moment_difference"] = dict(zip(model.dof_names, difference.tolist(), strict=True))
         return Solution(
             time=windows.reference.time[: n + 1].copy(),
             excitation=np.array([i.excitation for i in inputs]),

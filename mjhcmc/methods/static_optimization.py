@@ -1,22 +1,23 @@
 """Static optimization: activations from the desired motion alone, then driven through the muscles open loop.
 
 At each node the muscles share what inverse dynamics of the desired motion asks for (Crowninshield & Brand 1981,
-doi 10.1016/0021-9290(81)90035-X); nothing knows of activation dynamics or of what the driven model does. The excitation
+doi 10.1016/0021-9290(81)90035-X). This plan knows nothing of activation dynamics. The excitation
 that takes activation from node to node (clipped to what can be) then drives the model without feedback, and drifts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc import dynamics
+from mjhcmc.allocation import Allocation
 from mjhcmc.joint_moments import JointMoments
-from mjhcmc.methods.run import Inputs, Progress, reserve_price, run, static_start
+from mjhcmc.methods.run import Inputs, Progress, rate_at, reserve_price, run
 from mjhcmc.methods.windows import Windows, check_flag, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
@@ -80,7 +81,44 @@ def static_optimization(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant
     )
     sharing = share(model, cost, weights, smoothness, min_activation, disabled, solver)
-    return run(_Static(sharing, reserves), windows, progress, own_plant=plant is not None)
+    check_flag("reserves", reserves)
+    method = _Static(sharing, reserves, _plan(windows, sharing, reserves=reserves))
+    return run(method, windows, progress, own_plant=plant is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """What the muscles do along the desired motion, at its N+1 nodes.
+
+    Attributes:
+        activation: (N+1, n_muscle).
+        lacking: (N+1, nv) N m, what it leaves.
+        B: (N+1, nv, n_muscle) N m, joint moments at full activation.
+    """
+
+    activation: NDArray[np.float64]
+    lacking: NDArray[np.float64]
+    B: NDArray[np.float64]
+
+
+def _plan(windows: Windows, sharing: Sharing, *, reserves: bool) -> _Plan:
+    """Static optimization proper: node by node, from the desired motion alone."""
+    plant, reference, model = windows.plant, windows.reference, windows.model
+    rest, zero = np.zeros(model.n_muscle), np.zeros(model.nv)
+    low, high = model.excitation_range.T
+    found: list[Allocation] = []
+    B = []
+    for k, time in enumerate(reference.time):
+        plant.set_state(State(float(time), reference.qpos[k], reference.qvel[k], rest, zero))
+        plant.set_input(None, zero)
+        plant.forward()
+        moments = dynamics.muscle_moments(plant)
+        Q = dynamics.required_moment(plant, reference.qacc[k], moments.p)
+        price = reserve_price(dynamics.mass_matrix(plant), reserves=reserves)
+        before = found[-1].activation if found else None
+        found.append(sharing.allocate(sharing.problem(moments, Q, low, high, price, before)))
+        B.append(moments.B)
+    return _Plan(np.array([f.activation for f in found]), np.array([f.reserve for f in found]), np.array(B))
 
 
 @dataclass(frozen=True)
@@ -89,43 +127,27 @@ class _Static:
 
     sharing: Sharing
     reserves: bool
-
-    def __post_init__(self) -> None:
-        check_flag("reserves", self.reserves)
+    plan: _Plan
 
     def settings(self) -> dict[str, Any]:
         """See `run.Method`."""
         return {"method": "static", **self.sharing.options, "reserves": self.reserves}
 
     def start(self, windows: Windows) -> tuple[State, Inputs]:
-        """See `run.Method`."""
-        return static_start(windows, self.sharing, reserves=self.reserves)
+        """See `run.Method`; the first activation is the plan's, wherever the model starts."""
+        start, zero = windows.start, np.zeros(windows.model.nv)
+        given = np.isfinite(start.activation).all()
+        state = start if given else replace(start, activation=self.plan.activation[0])
+        return state, Inputs(state.activation, zero, zero, 0.0)
 
     def window(self, windows: Windows, k: int, state: State, before: Inputs) -> Inputs:
         """See `run.Method`; of the state only its activation counts, which no position or velocity changes."""
-        plant = windows.plant
-        first = self._node(windows, k, state.activation)[1]
-        activation, lacking, B = self._node(windows, k + 1, state.activation)
-        excitation = self.sharing.excitation(plant.excitation_reaching(state.activation, activation, windows.n_step))
-        plant.set_state(state)
+        plant, plan = windows.plant, self.plan
+        goal = plan.activation[k + 1]
+        excitation = self.sharing.excitation(plant.excitation_reaching(state.activation, goal, windows.n_step))
         low, high = plant.reachable(state.activation, windows.n_step)
-        unreached = B @ (activation - np.clip(activation, low, high))
-        reserve = (first + lacking) / 2 if self.reserves else np.zeros_like(lacking)
-        return Inputs(excitation, reserve, (reserve if self.reserves else lacking) + unreached, 0.0)
-
-    def _node(
-        self, windows: Windows, k: int, before: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """At node k of the desired motion: activation (n_muscle,), what it leaves (nv,) N m, and B."""
-        plant, reference, model = windows.plant, windows.reference, windows.model
-        zero = np.zeros(model.nv)
-        time = float(reference.time[k])
-        plant.set_state(State(time, reference.qpos[k], reference.qvel[k], np.zeros(model.n_muscle), zero))
-        plant.set_input(None, zero)
-        plant.forward()
-        moments = dynamics.muscle_moments(plant)
-        Q = dynamics.required_moment(plant, reference.qacc[k], moments.p)
-        price = reserve_price(dynamics.mass_matrix(plant), reserves=self.reserves)
-        low, high = model.excitation_range.T
-        found = self.sharing.allocate(self.sharing.problem(moments, Q, low, high, price, before))
-        return found.activation, found.reserve, moments.B
+        unreached = plan.B[k + 1] @ (goal - np.clip(goal, low, high))
+        lacking = (plan.lacking[k] + plan.lacking[k + 1]) / 2
+        reserve = lacking if self.reserves else np.zeros_like(lacking)
+        shortfall = (reserve if self.reserves else plan.lacking[k + 1]) + unreached
+        return Inputs(excitation, reserve, shortfall, rate_at(plant, state, reserve))

@@ -33,7 +33,7 @@ class Windows:
         dt: s, length of a control window.
         n_step: physics steps in a window.
         start: the plant's state at the first node; its activation is NaN where it is to be solved for.
-        moments_name: of the joint moments that a user brought along; None: none.
+        joint_moments: those that a user brought along; None: none.
     """
 
     model: MuscleModel
@@ -43,7 +43,7 @@ class Windows:
     dt: float
     n_step: int
     start: State
-    moments_name: str | None = None
+    joint_moments: JointMoments | None = None
 
     def reference_at(self, time: float) -> Reference:
         """The desired motion at one time; after its end, at its end."""
@@ -144,8 +144,7 @@ def prepare(
     if initial_activation is not None and (np.any(activation < 0) or np.any(activation > 1)):
         raise SettingsError("initial_activation must lie within 0..1")
     start = State(float(times[0]), qpos, qvel, activation, np.zeros(model.nv))
-    moments_name = None if joint_moments is None else joint_moments.name
-    windows = Windows(model, plant, motion, reference, dt, n_step, start, moments_name)
+    windows = Windows(model, plant, motion, reference, dt, n_step, start, joint_moments)
     _check_passive_stability(windows)
     return windows
 

@@ -33,8 +33,9 @@ _log = get_logger(__name__)
 def check(source: str | Path | Any) -> ModelReport:
     """Look at a model before solving with it.
 
-    Strength is isometric: at rest, the sum over the muscles of R_ij F_i at full activation, those that pull one way
-    and those that pull the other. Every joint is moved through its range with the others at the reference pose. The
+    Strength is isometric: at rest, the sum over the muscles of R_ij F_i a_i, the agonists being at the upper end of
+    their excitation range, the antagonists at its lower end: where that is above 0, they take their share away. Every
+    joint is moved through its range with the others at the reference pose. The
     largest stable step is 2.78 over the largest real eigenvalue part of M^-1 D (classical Runge-Kutta), with D the
     damping of joints, tendons and muscles.
 
@@ -139,7 +140,7 @@ def _muscle_reports(model: MuscleModel, measured: _Measured) -> tuple[MuscleRepo
             MuscleReport(
                 name=name,
                 gain=str(mujoco.mjtGain(m.actuator_gaintype[a]).name.removeprefix("mjGAIN_").lower()),
-                max_isometric_force=float(force[i] if is_muscle else abs(measured.reference.gain[i])),
+                max_isometric_force=float(force[i]) if np.isfinite(force[i]) else None,
                 optimal_fiber_length=float(L0[i]) if L0[i] > 0 else None,
                 fiber_length=fiber,
                 fiber_length_range=spread,
@@ -149,6 +150,7 @@ def _muscle_reports(model: MuscleModel, measured: _Measured) -> tuple[MuscleRepo
                 activation_time=float(tau[0]),
                 deactivation_time=float(tau[1]),
                 smoothing=float(tau[2]),
+                excitation_range=_pair(model.excitation_range[i]),
                 joints=tuple(crossed),
             )
         )

@@ -10,7 +10,6 @@ from mjhcmc.model_problems import Problem
 
 _DEFAULT_VMAX = 1.5  # L0/s, MuJoCo's; Hill muscles have about 10 (Zajac 1989)
 _NO_STRENGTH = 1e-3  # share of the joint's strength the other way
-_STEP_MARGIN = 0.8
 
 
 def findings(report: ModelReport, jumps: Sequence[Jump], uncoupled: int) -> tuple[Problem, ...]:
@@ -71,6 +70,15 @@ def _of_muscle(muscle: MuscleReport) -> Iterator[Problem]:
             "give it a lengthrange and a range whose ends differ",
             "warning",
         )
+    low, high = muscle.excitation_range
+    if (low, high) != (0.0, 1.0):
+        kept = f" and is never below {low:g}, where it weakens its antagonists" if low > 0 else ""
+        yield Problem(
+            f"takes excitations up to {high:g}{kept}",
+            where,
+            "set its ctrlrange to 0 1 if that is not meant: strength here counts with it",
+            "note",
+        )
     if muscle.max_velocity == _DEFAULT_VMAX:
         yield Problem(
             f"has MuJoCo's default vmax, {_DEFAULT_VMAX:g} L0/s, about 7 times slower than a Hill muscle's 10",
@@ -103,11 +111,12 @@ def _of_step(report: ModelReport) -> Iterator[Problem]:
     rest, active = (step.over_range for step in report.steps)
     default = report.default_physics_dt
     beyond = f"somewhere in the joints' ranges, less than the default {1e3 * default:g} ms"
-    if rest is not None and rest < default:
+    needed = report.physics_dt_needed
+    if rest is not None and needed is not None:
         yield Problem(
             f"allows steps of at most {1e3 * rest:.2g} ms {beyond}",
             "the model's damping",
-            f"use --physics-dt {_STEP_MARGIN * rest:.2g}",
+            f"use --physics-dt {needed:.2g}",
             "warning",
         )
     elif active is not None and active < default:

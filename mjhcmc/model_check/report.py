@@ -14,6 +14,7 @@ import numpy as np
 from mjhcmc.model_problems import Problem
 
 _WIDTH = 100  # columns
+_STEP_MARGIN = 0.8
 _MUSCLES_SHOWN = 25
 _JOINTS_SHOWN = 45
 _NAMES_SHOWN = 24
@@ -33,7 +34,7 @@ class MuscleReport:
     Attributes:
         name: its name.
         gain: the engine's type of gain: ``muscle``, ``fixed``, ``affine`` or ``user``.
-        max_isometric_force: N, F0 along the tendon; for another gain than muscle its gain at the reference pose.
+        max_isometric_force: N, see `MuscleModel.max_isometric_force`; None where the model does not tell it.
         optimal_fiber_length: m, L0 along the tendon; None for another gain than muscle, as are all that need it.
         fiber_length: L0, at the reference pose.
         fiber_length_range: L0, least and most over the joints' ranges, one joint moved at a time.
@@ -43,12 +44,13 @@ class MuscleReport:
         activation_time: s.
         deactivation_time: s.
         smoothing: 1, width of the smooth switch between the two; 0: none.
+        excitation_range: 1, lowest and highest excitation that the model's ctrlrange leaves of 0..1.
         joints: those that it crosses: a moment arm over 1 mm, or over 1e-3 of its largest, somewhere.
     """
 
     name: str
     gain: str
-    max_isometric_force: float
+    max_isometric_force: float | None
     optimal_fiber_length: float | None
     fiber_length: float | None
     fiber_length_range: tuple[float, float] | None
@@ -58,6 +60,7 @@ class MuscleReport:
     activation_time: float
     deactivation_time: float
     smoothing: float
+    excitation_range: tuple[float, float]
     joints: tuple[str, ...]
 
 
@@ -76,8 +79,8 @@ class JointReport:
         damping: N m s/rad or N s/m.
         column: the file column that the model maps onto it, a leading ``-`` flips the sign.
         scanned: positions between which strength was measured.
-        strength: most negative and most positive moment of the muscles at the reference pose: isometric, each fully
-            active or off, without passive force.
+        strength: most negative and most positive moment of the muscles at the reference pose: isometric, each at the
+            upper or the lower end of its excitation range, without passive force.
         negative_strength_range: of the first, least and greatest over `scanned`, other joints at the reference pose.
         positive_strength_range: of the second.
         passive_moment: at the reference pose: passive muscle force, springs, other actuators at control 0.
@@ -105,7 +108,7 @@ class StepReport:
     """The largest physics step at which RK4 is stable, all muscles at one activation; None: nothing decays.
 
     Attributes:
-        activation: of all muscles.
+        activation: of all muscles, as a share of the upper end of their excitation range.
         at_reference: s.
         over_range: s, least over the joints' ranges.
         worst_joint: the joint that was away from the reference pose there; None: none was.
@@ -161,9 +164,18 @@ class ModelReport:
     steps: tuple[StepReport, StepReport]
     problems: tuple[Problem, ...]
 
+    @property
+    def physics_dt_needed(self) -> float | None:
+        """s, a step that the passive damping allows all over the joints' ranges; None where the default step does.
+
+        The default step is refused by solve where the damping at rest, along the motion, does not allow it.
+        """
+        stable = self.steps[0].over_range
+        return _STEP_MARGIN * stable if stable is not None and stable < self.default_physics_dt else None
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, SI units and radians, under the names of the attributes."""
-        plain = _plain(dataclasses.asdict(self))
+        plain = _plain({**dataclasses.asdict(self), "physics_dt_needed": self.physics_dt_needed})
         assert isinstance(plain, dict)
         return plain
 
@@ -198,8 +210,17 @@ def _head(report: ModelReport) -> list[str]:
         f"{_count(report.tendon_limits, 'tendon limit')}, {_count(report.equality_constraints, 'equality constraint')}",
         f"{_count(report.colliding_pairs, 'pair')} of geoms can touch, {report.contacts_at_reference} in contact at "
         "the reference pose",
-        "solve takes this model" if report.solvable else f"solve REFUSES this model: {_count(errors, 'error')}, below",
+        f"solve REFUSES this model: {_count(errors, 'error')}, below" if errors else _accepted(report),
     ]
+
+
+def _accepted(report: ModelReport) -> str:
+    needed = report.physics_dt_needed
+    if needed is None:
+        return "solve takes this model"
+    at_reference, default = report.steps[0].at_reference, report.default_physics_dt
+    where = "" if at_reference is not None and at_reference < default else " somewhere in its joints' ranges"
+    return f"solve takes this model with --physics-dt {needed:.2g}: the default {1e3 * default:g} ms is unstable{where}"
 
 
 def _count(n: int, thing: str) -> str:
@@ -258,7 +279,7 @@ def _muscle_table(muscles: Sequence[MuscleReport]) -> list[str]:
             [
                 _name(muscle.name),
                 muscle.gain,
-                f"{muscle.max_isometric_force:.4g}",
+                "" if muscle.max_isometric_force is None else f"{muscle.max_isometric_force:.4g}",
                 "" if L0 is None else f"{1e3 * L0:.3g}",
                 length,
                 f"{1e3 * muscle.activation_time:.3g}/{1e3 * muscle.deactivation_time:.3g}",

@@ -37,15 +37,13 @@ class Pose:
     Attributes:
         length: (n_muscle,) m, length of each muscle's actuator.
         arm: (n_muscle, nv) m, moment arms, -dL/dq, with what follows; zero for what follows, as are the next.
-        gain: (n_muscle,) N, pulling positive: isometric force at full activation, without the passive one.
         strength: (nv, 2) N m, the most negative and the most positive moment that activation can give, each muscle
-            being fully active or off as suits it.
+            being at the upper or the lower end of its excitation range as suits it.
         passive: (nv,) N m, moment at zero activation: passive muscle force, other actuators at control 0, springs.
     """
 
     length: NDArray[np.float64]
     arm: NDArray[np.float64]
-    gain: NDArray[np.float64]
     strength: NDArray[np.float64]
     passive: NDArray[np.float64]
 
@@ -135,12 +133,11 @@ def measure(plant: ScanPlant, qpos: NDArray[np.float64]) -> Pose:
     d = plant.mj_data
     length = d.actuator_length[plant.mj_model.actuator_outadr[plant.model.muscle_ids]]
     moments = dynamics.muscle_moments(plant)
-    B = plant.coupling.reduce(qpos, moments.B)
+    ends = plant.coupling.reduce(qpos, moments.B)[:, :, None] * plant.model.excitation_range
     return Pose(
         length=length,
         arm=plant.coupling.reduce(qpos, dynamics.moment_arms(plant).T).T,
-        gain=moments.gain,
-        strength=np.stack([np.minimum(B, 0).sum(axis=1), np.maximum(B, 0).sum(axis=1)], axis=1),
+        strength=np.stack([ends.min(axis=2).sum(axis=1), ends.max(axis=2).sum(axis=1)], axis=1),
         passive=plant.coupling.reduce(qpos, moments.p + d.qfrc_passive),
     )
 
@@ -178,7 +175,10 @@ def find_jumps(plant: ScanPlant, swept: Sweep, tolerance: NDArray[np.float64]) -
 
 
 def decay(plant: ScanPlant, qpos: NDArray[np.float64], activation: float) -> float:
-    """1/s, how fast the fastest velocity decays at rest at a pose, with all muscles at that activation."""
+    """1/s, how fast the fastest velocity decays at rest at a pose, all muscles at that share of their full activation.
+
+    Full activation is the upper end of a muscle's excitation range.
+    """
     _rest_at(plant, qpos, activation)
     M = plant.coupling.reduce_matrix(qpos, dynamics.mass_matrix(plant))
     return decay_rate(M, plant.coupling.reduce_matrix(qpos, damping(plant)))
@@ -204,7 +204,7 @@ def damping(plant: MujocoPlant) -> NDArray[np.float64]:
 
 def _rest_at(plant: ScanPlant, qpos: NDArray[np.float64], activation: float) -> None:
     still = np.zeros(plant.model.nv)
-    plant.set_state(State(0.0, qpos, still, np.full(plant.model.n_muscle, activation), still))
+    plant.set_state(State(0.0, qpos, still, activation * plant.model.excitation_range[:, 1], still))
     plant.forward()
 
 

@@ -24,7 +24,6 @@ from mjhcmc.plotting.panels import (
     BLUE,
     DESIRED,
     FLAGGED,
-    GRAY,
     GREEN,
     INK,
     ORANGE,
@@ -58,9 +57,10 @@ _STATUS_TITLE = {
     WindowStatus.STIFF: "too stiff for the step",
 }
 _DASHES = ((0, (3.5, 1.6)), (0, (1.2, 1.2)), (0, (6.0, 1.5, 1.2, 1.5)))
+_MAIN, _PEER = 3.0, 1.0  # widths of the first solution's line and of those that lie in and beside it
 _PNG_DPI = 200
 _SATURATION = 0.999
-_FULL, _BAR = 1.05, 0.05  # top of the shaded part of an excitation panel; a status bar above it
+_FULL = 1.05  # top of an excitation panel
 
 
 def excitation_figure(
@@ -68,13 +68,14 @@ def excitation_figure(
 ) -> Figure:
     """Excitation and activation of every muscle, one panel each.
 
-    Excitation is a step (constant over a window), activation a thin line of the same hue. With one solution, the
-    windows where a muscle is saturated and those whose status is not OK are shaded; with several, a bar of the
-    method's color along the top of the panels marks the windows whose status is not OK.
+    Excitation is a step (constant over a window), activation a line of the same hue. With one solution, the windows
+    where a muscle is saturated and those whose status is not OK are shaded. Several are compared by their activations:
+    the first as a wide line, the others as thin lines on it, which stay visible where they agree; excitation is drawn
+    for the first alone, and the legend counts the windows whose status is not OK.
 
     Args:
-        solution: one solution, or several by label, drawn over each other and told apart by color. A muscle that not
-            all of them have is drawn for those that have it.
+        solution: one solution, or several by label, the one that matters first, drawn over each other and told apart by
+            color. A muscle that not all of them have is drawn for those that have it.
         overlay: what others found, by label: its activation (or its excitation, where that is all there is) as a thin
             dark dashed line in the panels of the muscles that it has.
 
@@ -93,53 +94,67 @@ def excitation_figure(
             )
     colors = colors_of(solutions)
     n_column = columns_for(len(muscles))
+    alone = len(solutions) == 1
+    quantity = "excitation" if alone else "activation"
     with style():
         sheet = Sheet(
             math.ceil(len(muscles) / n_column), n_column,
-            panel=(2.2 if n_column < 6 else 1.65, 1.12), gap=(0.32, 0.36),
-            title=f"Muscle excitation · {headline(list(solutions.values()))}",
+            panel=(2.2 if n_column < 6 else 1.65, 1.12 if alone else 1.3), gap=(0.32, 0.36),
+            title=f"Muscle {quantity} · {headline(list(solutions.values()))}",
             entries=[*_excitation_legend(solutions, colors), *_overlay_legend(overlay)],
         )  # fmt: skip
         first = min(s.time[0] for s in solutions.values())
         last = max(s.time[-1] for s in solutions.values())
-        flagged = any((s.status != WindowStatus.OK).any() for s in solutions.values())
-        top = _FULL + _BAR * len(solutions) if flagged and len(solutions) > 1 else _FULL
         for i, name in enumerate(muscles):
             ax = sheet.panel(i // n_column, i % n_column, name)
             for rank, (label, one) in enumerate(solutions.items()):
                 if name in one.muscle_names:
-                    _draw_muscle(ax, one, one.muscle_names.index(name), colors[label], rank, len(solutions) == 1)
+                    j = one.muscle_names.index(name)
+                    if alone:
+                        _draw_alone(ax, one, j, colors[label])
+                    else:
+                        _draw_compared(ax, one, j, colors[label], rank)
             for rank, (label, other) in enumerate(overlay.items()):
                 if name in other.muscle_names:
                     values = other.excitation if other.activation is None else other.activation
                     assert values is not None  # Activity has one of them
                     column = values[:, other.muscle_names.index(name)]
-                    ax.plot(other.time, column, label=label, zorder=8.0 + rank, **_overlay_style(rank))
+                    ax.plot(other.time, column, label=label, zorder=4.0 + rank, **_overlay_style(rank))
             ax.set_xlim(first, last)
-            ax.set_ylim(-0.02, top)
+            ax.set_ylim(-0.02, _FULL)
             ax.set_yticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
             if i % n_column == 0:
-                sheet.label_values(ax, "excitation (–)", 0.3)
+                sheet.label_values(ax, f"{quantity} (–)", 0.3)
             else:
                 ax.tick_params(axis="y", labelleft=False)
             finish(ax, time_label=i + n_column >= len(muscles))
     return sheet.figure
 
 
-def _draw_muscle(ax: Axes, solution: Solution, j: int, color: str, rank: int, alone: bool) -> None:
-    from matplotlib.colors import to_rgba
+def _draw_alone(ax: Axes, solution: Solution, j: int, color: str) -> None:
+    time, excitation = solution.time, solution.excitation[:, j]
+    shade(ax, time, solution.status != WindowStatus.OK, FLAGGED, (0.0, _FULL), zorder=0.4)
+    ax.stairs(excitation, time, fill=True, color=color, alpha=0.16, lw=0, zorder=1.5, label="fill")
+    shade(ax, time, excitation >= _SATURATION, SATURATED, (0.0, _FULL), zorder=1.6)
+    ax.stairs(excitation, time, baseline=None, color=color, lw=1.1, alpha=0.8, zorder=2.0, label="excitation")
+    ax.plot(time, solution.activation[:, j], color=darker(color), lw=0.8, zorder=2.5, label="activation")
 
-    time, excitation, activation = solution.time, solution.excitation[:, j], solution.activation[:, j]
-    flagged = solution.status != WindowStatus.OK
-    if alone:
-        shade(ax, time, flagged, FLAGGED, (0.0, _FULL), zorder=0.4)
-        ax.stairs(excitation, time, fill=True, color=color, alpha=0.16, lw=0, zorder=1.5, label="fill")
-        shade(ax, time, excitation >= _SATURATION, SATURATED, (0.0, _FULL), zorder=1.6)
-    else:
-        shade(ax, time, flagged, color, (_FULL + _BAR * rank, 0.7 * _BAR), zorder=1.6)
-    ax.stairs(excitation, time, baseline=None, color=color, lw=1.1, alpha=0.8, zorder=2.0 + rank, label="excitation")
-    hue, width = ((*darker(color), 1.0), 0.8) if alone else (to_rgba(color, 0.6), 0.7)
-    ax.plot(time, activation, color=hue, lw=width, zorder=2.5 + rank, label="activation")
+
+def _draw_compared(ax: Axes, solution: Solution, j: int, color: str, rank: int) -> None:
+    """One of several: the first wide, under the others, with its excitation; the others thin."""
+    time = solution.time
+    if rank == 0:
+        excitation = solution.excitation[:, j]
+        ax.stairs(excitation, time, fill=True, color=color, alpha=0.13, lw=0, zorder=1.5, label="fill")
+        ax.stairs(excitation, time, baseline=None, color=color, lw=0.6, alpha=0.55, zorder=1.6, label="excitation")
+    # below 4: overlays lie on top of any number of solutions
+    ax.plot(
+        time, solution.activation[:, j], color=color, zorder=4.0 - 1.0 / (1 + rank), label="activation", **_line(rank)
+    )
+
+
+def _line(rank: int) -> dict[str, Any]:
+    return {"lw": _PEER} if rank else {"lw": _MAIN, "alpha": 0.6, "solid_capstyle": "butt"}
 
 
 def _overlay_style(rank: int) -> dict[str, Any]:
@@ -161,24 +176,33 @@ def _excitation_legend(solutions: Mapping[str, Solution], colors: Mapping[str, s
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    found = {int(k) for s in solutions.values() for k in s.status}
-    kinds = [title for status, title in _STATUS_TITLE.items() if status in found]
     if len(solutions) > 1:
-        entries: list[Artist] = [Line2D([], [], color=colors[k], lw=1.8, label=k) for k in solutions]
-        entries.append(Line2D([], [], color=GRAY, lw=1.1, drawstyle="steps", label="step: excitation"))
-        entries.append(Line2D([], [], color=GRAY, lw=0.7, alpha=0.6, label="thin: activation"))
-        if kinds:
-            entries.append(Patch(color=GRAY, lw=0, label="bar at the top: " + ", ".join(kinds)))
-        return entries
+        main = next(iter(solutions))
+        entries: list[Artist] = [
+            Line2D([], [], color=colors[label], label=f"{label}{_flags(one)}", **_line(rank))
+            for rank, (label, one) in enumerate(solutions.items())
+        ]
+        return [
+            *entries,
+            Patch(fc=(colors[main], 0.13), ec=(colors[main], 0.55), lw=0.6, label=f"excitation of {main}"),
+        ]
     ((label, one),) = solutions.items()
     color = colors[label]
     step = Patch(fc=(color, 0.16), ec=(color, 0.75), lw=1.1, label="excitation")
     entries = [step, Line2D([], [], color=darker(color), lw=0.8, label="activation")]
     if (one.excitation >= _SATURATION).any():
         entries.append(Patch(color=SATURATED, lw=0, label="saturated"))
+    kinds = [title for status, title in _STATUS_TITLE.items() if (one.status == status).any()]
     if kinds:
         entries.append(Patch(color=FLAGGED, lw=0, label=", ".join(kinds)))
     return entries
+
+
+def _flags(solution: Solution) -> str:
+    """How many windows are not OK, and why, for a legend."""
+    counts = [(title, np.count_nonzero(solution.status == status)) for status, title in _STATUS_TITLE.items()]
+    told = ", ".join(f"{title} in {n} of {solution.n_window} windows" for title, n in counts if n)
+    return f" ({told})" if told else ""
 
 
 def tracking_figure(solution: Solution) -> Figure:

@@ -61,7 +61,8 @@ def moment_figure(solution: Solution) -> Figure:
     Positive and negative contributions are stacked apart, each from zero outwards, the largest muscle first: where a
     stack rises on both sides, muscles work against each other, and the sum of both is the net joint moment (the line).
     The reserve is an area of its own, hatched, at the end of the stack. Next to each panel its muscles are named, the
-    largest first; beyond nine the smallest are merged. A muscle has one color wherever it is named.
+    largest first; beyond nine the smallest are merged. Colors follow the order of the model's muscles: a muscle has the
+    same in every panel and in the figures of other solutions; beyond nine muscles, where its joints leave that free.
 
     Args:
         solution: one that knows its model (`Solution.detail`).
@@ -75,7 +76,7 @@ def moment_figure(solution: Solution) -> Figure:
         raise SettingsError("moment_figure: the solution has no joint: nothing to draw")
     contribution = solution.detail.muscle_moment
     named = [_ranked(contribution[:, :, j]) for j in range(n_joint)]
-    colors = _colors([ranked[: len(MUSCLE_COLORS)] for ranked in named])
+    colors = _colors(named, [ranked[: len(MUSCLE_COLORS)] for ranked in named])
     n_column = 1 if n_joint <= 4 else 2
     with style():
         sheet = _Sheet(
@@ -103,23 +104,25 @@ def _ranked(contribution: NDArray[np.float64]) -> list[int]:
     return [int(i) for i in order if peak[i] > _NEGLIGIBLE * peak.max(initial=0.0)]
 
 
-def _colors(named: Sequence[Sequence[int]]) -> list[dict[int, str]]:
-    """Colors by muscle for each joint: a muscle keeps its color from joint to joint where the panel leaves it free."""
+def _colors(across: Sequence[Sequence[int]], named: Sequence[Sequence[int]]) -> list[dict[int, str]]:
+    """Colors by muscle for each joint, from the muscles across each and those named there (nine at most).
+
+    They follow the muscles' order in the model, not their size, so that a muscle has the same color in the figures of
+    two solutions: muscle i has color i of the list, counted round and round. Where a muscle of the same joint has that
+    already, it takes the first color that is free on its joints, or at least in the panel.
+    """
     usual: dict[int, str] = {}
+    for i in sorted({i for muscles in across for i in muscles}):
+        own = MUSCLE_COLORS[i % len(MUSCLE_COLORS)]
+        taken = {usual[k] for muscles in across if i in muscles for k in muscles if k in usual}
+        usual[i] = own if own not in taken else next((c for c in MUSCLE_COLORS if c not in taken), own)
     result = []
     for muscles in named:
-        own: dict[int, str] = {}
-        for i in muscles:
-            if usual.get(i) is not None and usual[i] not in own.values():
-                own[i] = usual[i]
-        for i in muscles:
-            if i not in own:
-                taken = set(own.values())
-                free = [c for c in MUSCLE_COLORS if c not in taken]
-                fresh = [c for c in free if c not in usual.values()]
-                own[i] = (fresh or free)[0]
-                usual.setdefault(i, own[i])
-        result.append(own)
+        spare = [c for c in MUSCLE_COLORS if c not in {usual[i] for i in muscles}]
+        panel: dict[int, str] = {}
+        for i in sorted(muscles):
+            panel[i] = spare.pop(0) if usual[i] in panel.values() else usual[i]
+        result.append(panel)
     return result
 
 
