@@ -8,12 +8,11 @@ What every method minimizes, at the activations a that supply the moments:
     volume    sum_i k_i V_i a_i^2       larger muscles cost more
     stress    sum_i k_i (F_i/F0_i)^2    whole force over max isometric force
     capacity  sum_i k_i (F_i/gain_i)^2  whole force over the active force at full activation, as OpenSim's CMC:
-                                        effort but for passive force
+                                        effort but for passive force and fiber damping
 
 k are the user's weights, V = F0 lopt (relative to their mean) goes with the muscle's volume, F = gain a + bias is the
-muscle's whole force (bias at least 0), gain what it can give actively at its length and velocity.
-Smoothness adds sum_i k_i sigma (a_i - a_before,i)^2 (for `cubic` 3/2 of it, for `volume` with
-k_i V_i).
+muscle's whole force, gain what it can give actively at its length and velocity (see `_capacity`). Smoothness adds
+sum_i k_i sigma (a_i - a_before,i)^2 (for `cubic` 3/2 of it, for `volume` with k_i V_i).
 """
 
 from __future__ import annotations
@@ -38,7 +37,8 @@ COSTS = ("effort", "cubic", "volume", "stress", "capacity")
 Array = NDArray[np.float64]
 
 _CUBIC_CONVEXITY = 1e-8  # quadratic part of the cubic cost: keeps it strictly convex at 0, moves a by 5e-9
-_LEAST_GAIN = 1e-2  # of F0 (where unknown, of the largest gain): taken for the gain of a muscle that gives less
+_LEAST_SHARE = 1e-4  # a muscle without gain still costs this much of its weight
+_LEAST_CAPACITY = 0.1
 _MOST_SPREAD = 1e6  # of the weights: beyond, rounding decides
 
 
@@ -94,13 +94,11 @@ class Sharing:
         """
         k, cubic = self.weights, None
         w, a0 = k, np.zeros_like(k)
-        passive = np.maximum(moments.bias, 0.0)  # damping may push; muscles are not to be active to pull against it
-        if self.cost == "stress":
-            gain = moments.gain / self.strength
-            share = np.maximum(gain**2, _LEAST_GAIN**2)
-            w, a0 = k * share, -passive / self.strength * gain / share
-        elif self.cost == "capacity":
-            a0 = -_over_gain(passive, moments.gain, self.strength)
+        if self.cost in ("stress", "capacity"):
+            full = self.strength if self.cost == "stress" else _capacity(moments.gain, self.strength)
+            gain, bias = np.abs(moments.gain) / full, moments.bias / full  # a gain that pushes counts by its size
+            share = np.maximum(gain**2, _LEAST_SHARE)
+            w, a0 = k * share, -bias * gain / share
         elif self.cost == "cubic":
             w, cubic = _CUBIC_CONVEXITY * k, k
         if self.smoothness and before is not None:
@@ -112,16 +110,16 @@ class Sharing:
         return allocate(problem, self.solver)
 
 
-def _over_gain(force: Array, gain: Array, strength: Array) -> Array:
-    """(n_muscle,) force over the magnitude of the gain, where that is small over a share of F0.
+def _capacity(gain: Array, strength: Array) -> Array:
+    """(n_muscle,) N, what each muscle can give actively, but at least a tenth of F0 (unknown: of the largest gain).
 
-    A muscle whose F0 nobody knows has the largest gain of all in its place; where no muscle has any, the result is 0.
+    Below, forces cost less and less: the least of (F/gain)^2 is at full activation where damping pushes a muscle that
+    has no gain.
     """
     size = np.abs(gain)  # a gain that pushes is a capacity, too
     known = np.isfinite(strength) & (strength > 0)
-    least = _LEAST_GAIN * np.where(known, strength, size.max())
-    divisor = np.maximum(size, least)
-    return np.divide(force, divisor, out=np.zeros_like(force), where=divisor > 0)
+    full = np.maximum(size, _LEAST_CAPACITY * np.where(known, strength, size.max()))
+    return np.where(full > 0, full, 1.0)
 
 
 def _held(w: Array, a0: Array, more: Array, before: Array) -> tuple[Array, Array]:

@@ -29,12 +29,11 @@ class Affine:
     def cost(self, name):
         """(n_muscle,) factor and offset of a cost, which is the sum of (factor a + offset)^2."""
         one, zero = np.ones_like(self.gain), np.zeros_like(self.gain)
-        passive = np.maximum(self.bias, 0)  # a muscle does not push
-        gain = np.maximum(self.gain, 0.01 * self.strength)  # nor is one that gives next to nothing free, or priceless
+        full = np.maximum(np.abs(self.gain), 0.1 * self.strength)  # who gives next to nothing has a capacity, too
         return {
             "effort": (one, zero),
-            "stress": (gain / self.strength, passive / self.strength),
-            "capacity": (one, passive / gain),
+            "stress": (self.gain / self.strength, self.bias / self.strength),
+            "capacity": (self.gain / full, self.bias / full),
         }[name]
 
     def cheapest(self, qacc, low, high, cost, start, smoothness=0.0, before=0.0):

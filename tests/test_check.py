@@ -163,16 +163,32 @@ def test_the_headline_names_the_step_that_solve_takes():
 
 
 def test_the_headline_where_only_other_poses_need_a_smaller_step():
-    # the rod's inertia about the elbow leaves the shoulder's damping where it is; about the shoulder it changes with
-    # the elbow: folded, the arm is light
-    folded = PENDULUMS.replace('name="shoulder"', 'name="shoulder" damping="{}"')
-    at = check_xml(folded.format(10)).steps[0]
-    assert at.over_range < 0.9 * at.at_reference
-    damping = 10 * at.at_reference / 1e-3 * 0.97  # stable at the reference pose by 3 %
-    report = check_xml(folded.format(damping))
-    assert "solve takes this model with --physics-dt" in report.screen()
-    assert "is unstable somewhere in its joints' ranges" in report.screen()
-    assert "solve takes this model\n" in check_xml(PENDULUMS).screen()
+    # a damped path from above the joint to below it has no arm while the forearm hangs
+    xml = (
+        TWO_SIDED.format(bends="", stretches="")
+        .replace(
+            "<worldbody><body>", '<worldbody><site name="top" pos="0 0 .2"/><body><site name="low" pos="0 0 -.2"/>'
+        )
+        .replace(
+            "<actuator>",
+            '<tendon><spatial damping="2e4"><site site="top"/><site site="low"/></spatial></tendon><actuator>',
+        )
+    )
+    report = check_xml(xml)
+    assert report.steps[0].at_reference is None
+    headline = report.screen().splitlines()[3]
+    assert re.fullmatch(
+        r"solve takes this model with --physics-dt 0\.000\d+: the default 1 ms is unstable at some poses",
+        headline,
+    )
+    model = mjhcmc.MuscleModel.load(mujoco.MjModel.from_xml_string(xml))
+    small = mjhcmc.Motion(np.linspace(0, 0.1, 11), np.full((11, 1), 0.01))
+    assert mjhcmc.static_optimization(model, small).settings["physics_dt"] == 1e-3  # it depends on the motion
+    wide = mjhcmc.Motion(np.linspace(0, 0.1, 11), np.full((11, 1), 1.0))
+    with pytest.raises(mjhcmc.SimulationError, match=r"physics_dt 0\.001 s is unstable"):
+        mjhcmc.static_optimization(model, wide)
+    assert mjhcmc.static_optimization(model, wide, physics_dt=report.physics_dt_needed).n_window == 10
+    assert check_xml(PENDULUMS).screen().splitlines()[3] == "solve takes this model"
 
 
 def test_the_stable_step_is_where_simulation_turns_unstable():

@@ -10,6 +10,16 @@ import mjhcmc
 PASSIVE = 40.0  # N, at any length
 
 
+PUSHER = f"""
+  <actuator>
+    <general name="long" joint="elbow" gear="-.05" dyntype="muscle" dynprm=".01 .04" gaintype="fixed" gainprm="-300"
+      biastype="affine" biasprm="{-PASSIVE} 0 0" ctrlrange="0 1"/>
+    <general name="short" joint="elbow" gear=".03" dyntype="muscle" dynprm=".01 .04" gaintype="fixed" gainprm="500"
+      biastype="affine" biasprm="{-PASSIVE} 0 0" ctrlrange="0 1"/>
+  </actuator>
+</mujoco>"""
+
+
 def plain_arm(long, short):
     """The arm with muscles of other gains, (type, parameters) each, and a constant passive force."""
     actuators = "".join(
@@ -52,6 +62,15 @@ def test_capacity_of_a_muscle_that_pushes():
     need = (ARMS.sum() * PASSIVE - moment) / (ARMS[1] * 100)
     assert need > 1  # so that it pushes all it can
     assert solution.activation[0] == pytest.approx([0, 1], abs=1e-6)
+
+
+def test_capacity_of_a_muscle_that_bends_by_pushing():
+    """Least sum (a + P/|gain|)^2 with B a = Q: it shares the work by the size of its gain."""
+    model = load_xml(ARM[: ARM.index("<actuator>")] + PUSHER)
+    gain, B = np.array([300.0, 500.0]), np.array([0.05 * 300, 0.03 * 500])
+    a0, Q = -PASSIVE / gain, MOMENT - (0.05 - 0.03) * PASSIVE
+    solution = mjhcmc.static_optimization(model, held(model), cost="capacity")
+    np.testing.assert_allclose(solution.activation[0], a0 + B * (Q - B @ a0) / (B @ B), rtol=1e-6)
 
 
 @pytest.mark.parametrize("gains", [("affine", "0 0 0"), ("affine", "-1e-9 0 0"), ("fixed", "0"), ("fixed", "1e-9")])

@@ -219,7 +219,7 @@ def _accepted(report: ModelReport) -> str:
     if needed is None:
         return "solve takes this model"
     at_reference, default = report.steps[0].at_reference, report.default_physics_dt
-    where = "" if at_reference is not None and at_reference < default else " somewhere in its joints' ranges"
+    where = "" if at_reference is not None and at_reference < default else " at some poses"
     return f"solve takes this model with --physics-dt {needed:.2g}: the default {1e3 * default:g} ms is unstable{where}"
 
 
