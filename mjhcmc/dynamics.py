@@ -26,7 +26,7 @@ class MuscleMoments:
         B: (nv, n_muscle) N m, joint moments of each muscle at full activation, without its bias.
         p: (nv,) N m, joint moments of all actuators at zero activation (passive force, other actuators).
         gain: (n_muscle,) N, pulling positive: each muscle's actuator force at full activation, without its bias.
-        bias: (n_muscle,) N, pulling positive: its force at zero activation, fiber damping included.
+        bias: (n_muscle,) N, pulling positive: its force at zero activation; with fiber damping where asked for.
     """
 
     B: NDArray[np.float64]
@@ -44,8 +44,10 @@ def moment_arms(plant: MujocoPlant) -> NDArray[np.float64]:
     return np.asarray(-dense[rows])
 
 
-def muscle_moments(plant: MujocoPlant) -> MuscleMoments:
+def muscle_moments(plant: MujocoPlant, *, damping: bool = True) -> MuscleMoments:
     """B and p at the plant's state (after `forward`), from the actuator forces at activation 0 and 1.
+
+    Without damping, the bias is that of the actuators alone.
 
     Leaves the plant's derived actuator forces at activation 0; its state is unchanged.
     """
@@ -64,7 +66,7 @@ def muscle_moments(plant: MujocoPlant) -> MuscleMoments:
         B=(moment_arms(plant) * gain[:, None]).T,
         p=d.qfrc_actuator.copy(),
         gain=gain,
-        bias=passive + fiber_damping(plant),
+        bias=passive + fiber_damping(plant) if damping else passive,
     )
 
 
@@ -94,10 +96,10 @@ def net_moment_for(plant: MujocoPlant, qacc: NDArray[np.float64]) -> NDArray[np.
 
     The terms of `net_joint_moment` but E, by MuJoCo's inverse dynamics; leaves the actuator forces at activation 0.
     """
-    moments = muscle_moments(plant)
+    moments = muscle_moments(plant, damping=False)
     R = moment_arms(plant)
     damping = fiber_damping(plant)
-    others = moments.p - R.T @ (moments.bias - damping)
+    others = moments.p - R.T @ moments.bias
     return required_moment(plant, qacc, others) + plant.external_load() + R.T @ damping
 
 
@@ -143,22 +145,13 @@ def fiber_damping(plant: MujocoPlant) -> NDArray[np.float64]:
     rows = m.actuator_outadr[ids]
     v = d.actuator_velocity[rows]
     force = _polynomial(v, m.actuator_damping[ids], m.actuator_dampingpoly[ids])
-    tendon = _own_tendons(plant)
+    tendon = plant.model.own_tendons
     owns = tendon >= 0
     t = tendon[owns]
     # an actuator's length is gear times its tendon's
     gear = m.actuator_gear[ids[owns], 0]
     force[owns] += _polynomial(d.ten_velocity[t], m.tendon_damping[t], m.tendon_dampingpoly[t]) / gear
     return force
-
-
-def _own_tendons(plant: MujocoPlant) -> NDArray[np.intp]:
-    """(n_muscle,) the tendon that a muscle alone pulls, or -1."""
-    m, ids = plant.mj_model, plant.model.muscle_ids
-    on_tendon = m.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON
-    used = np.bincount(m.actuator_trnid[on_tendon, 0], minlength=max(1, m.ntendon))
-    tendon = np.where(on_tendon[ids], m.actuator_trnid[ids, 0], -1)
-    return np.where((tendon >= 0) & (used[tendon] == 1), tendon, -1)
 
 
 def _polynomial(v: NDArray[np.float64], d: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -172,33 +165,33 @@ class NodeForces:
     Attributes:
         muscle_force: (n_muscle,) N along the path, pulling positive: active, passive and fiber damping.
         muscle_moment: (nv,) N m, R^T F.
+        net_joint_moment: (nv,) N m, what muscles and reserves must give for qacc: M qacc + qfrc_bias -
+            (qfrc_passive - R^T f_damping) - J^T f_constraint - other actuators - E, f_damping being the muscles' own
+            (see `fiber_damping`), E the external load. Equals R^T F + reserve.
     """
 
     muscle_force: NDArray[np.float64]
     muscle_moment: NDArray[np.float64]
+    net_joint_moment: NDArray[np.float64]
 
 
 def node_forces(plant: MujocoPlant) -> NodeForces:
-    """Muscle forces and their joint moments at the plant's last `forward`."""
-    m, ids = plant.mj_model, plant.model.muscle_ids
-    force = fiber_damping(plant) - plant.mj_data.actuator_force[m.actuator_outadr[ids]]
-    R = moment_arms(plant)
-    on_tendon = m.actuator_trntype[ids] == mujoco.mjtTrn.mjTRN_TENDON
-    gear = np.where(on_tendon, m.actuator_gear[ids, 0], 1.0)
-    return NodeForces(muscle_force=force * gear, muscle_moment=R.T @ force)
+    """Muscle forces and the moments at the joints, at the plant's last `forward`."""
+    m, d, model = plant.mj_model, plant.mj_data, plant.model
+    damping, R = fiber_damping(plant), moment_arms(plant)
+    muscle = -d.actuator_force[m.actuator_outadr[model.muscle_ids]]
+    inertial = np.empty(m.nv)
+    mujoco.mj_mulM(m, d, inertial, d.qacc)
+    others = d.qfrc_actuator - R.T @ muscle
+    passive = d.qfrc_passive - R.T @ damping
+    force = muscle + damping
+    return NodeForces(
+        muscle_force=force * model.path_gear,
+        muscle_moment=R.T @ force,
+        net_joint_moment=inertial + d.qfrc_bias - passive - d.qfrc_constraint - others - plant.external_load(),
+    )
 
 
 def net_joint_moment(plant: MujocoPlant) -> NDArray[np.float64]:
-    """(nv,) N m at the plant's last `forward`: what muscles and reserves must give for its qacc.
-
-    M qacc + qfrc_bias - (qfrc_passive - R^T f_damping) - J^T f_constraint - other actuators - E, f_damping being the
-    muscles' own (see `fiber_damping`), E the external load. Equals R^T F + reserve.
-    """
-    m, d = plant.mj_model, plant.mj_data
-    inertial = np.empty(m.nv)
-    mujoco.mj_mulM(m, d, inertial, d.qacc)
-    R = moment_arms(plant)
-    muscle = -d.actuator_force[m.actuator_outadr[plant.model.muscle_ids]]
-    others = d.qfrc_actuator - R.T @ muscle
-    passive = d.qfrc_passive - R.T @ fiber_damping(plant)
-    return np.asarray(inertial + d.qfrc_bias - passive - d.qfrc_constraint - others - plant.external_load())
+    """(nv,) N m at the plant's last `forward`: what muscles and reserves must give for its qacc; see `NodeForces`."""
+    return node_forces(plant).net_joint_moment

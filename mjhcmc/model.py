@@ -6,6 +6,7 @@ import copy
 import warnings
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +110,21 @@ class MuscleModel:
         with np.errstate(divide="ignore", invalid="ignore"):  # other gains have no such range
             length = np.ptp(m.actuator_lengthrange[i], axis=1) / np.ptp(m.actuator_gainprm[i, :2], axis=1)
         return self._if_muscle_gain(length)
+
+    @cached_property
+    def path_gear(self) -> NDArray[np.float64]:
+        """(n_muscle,) force along the path for a unit of actuator force: the gear at tendons, 1 elsewhere."""
+        m, ids = self.mj_model, self.muscle_ids
+        return np.where(m.actuator_trntype[ids] == mujoco.mjtTrn.mjTRN_TENDON, m.actuator_gear[ids, 0], 1.0)
+
+    @cached_property
+    def own_tendons(self) -> NDArray[np.intp]:
+        """(n_muscle,) the tendon that a muscle alone pulls, or -1."""
+        m, ids = self.mj_model, self.muscle_ids
+        on_tendon = m.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON
+        used = np.bincount(m.actuator_trnid[on_tendon, 0], minlength=max(1, m.ntendon))
+        tendon = np.where(on_tendon[ids], m.actuator_trnid[ids, 0], -1)
+        return np.where((tendon >= 0) & (used[tendon] == 1), tendon, -1)
 
     def _if_muscle_gain(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         is_muscle = self.mj_model.actuator_gaintype[self.muscle_ids] == mujoco.mjtGain.mjGAIN_MUSCLE

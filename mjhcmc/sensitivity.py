@@ -53,12 +53,27 @@ def window_response(
         step: s, physics step.
     """
     nv, n = B.shape
-    inverse = np.linalg.inv(M + step / 2 * D + step**2 / 4 * K)
-    acc, vel, pos = (np.zeros((nv, n + nv)) for _ in range(3))
-    acc[:, :n] = np.linalg.solve(M, B * phi[0])
-    acc[:, n:] = np.linalg.inv(M)
-    _integrate(inverse, D, K, B, phi, step, acc, vel, pos)
+    acc, vel, pos = (np.empty((nv, n + nv)) for _ in range(3))
+    fill_response(M, D, K, np.ascontiguousarray(B), phi, step, acc, vel, pos)
     return WindowResponse(acc, vel, pos)
+
+
+@numba.njit(cache=True)
+def fill_response(M, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-untyped-def]
+    """`window_response` for compiled code: fills acc, vel, pos (nv, n_muscle + nv)."""
+    nv, n = B.shape
+    inverse = np.linalg.inv(M + step / 2 * D + step * step / 4 * K)
+    free = np.linalg.inv(M)
+    vel[:] = 0.0
+    pos[:] = 0.0
+    for i in range(nv):
+        for m in range(n):
+            acc[i, m] = 0.0
+            for j in range(nv):
+                acc[i, m] += free[i, j] * B[j, m] * phi[0, m]
+        for j in range(nv):
+            acc[i, n + j] = free[i, j]
+    _integrate(inverse, D, K, B, phi, step, acc, vel, pos)
 
 
 @numba.njit(cache=True)
@@ -105,7 +120,7 @@ def build_up(
         n_step: physics steps in the window.
     """
     phi = np.empty((n_step + 1, activation.size))
-    _build_up(activation, excitation, parameters, step, n_step, phi)
+    fill_build_up(activation, excitation, parameters, step, n_step, phi)
     return phi
 
 
@@ -113,7 +128,8 @@ _CHANGE = 1e-3  # of excitation: well above rounding, well below what matters
 
 
 @numba.njit(cache=True)
-def _build_up(a0, u, prm, step, n_step, phi):  # type: ignore[no-untyped-def]
+def fill_build_up(a0, u, prm, step, n_step, phi):  # type: ignore[no-untyped-def]
+    """`build_up` for compiled code."""
     for i in range(a0.size):
         other = u[i] + _CHANGE if u[i] < 0.5 else u[i] - _CHANGE
         a, b = a0[i], a0[i]

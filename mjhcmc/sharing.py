@@ -67,6 +67,11 @@ class Sharing:
     solver: str
     options: dict[str, Any]
 
+    @property
+    def counts_forces(self) -> bool:
+        """Whether the cost is one of whole forces, so that it needs to know fiber damping."""
+        return self.cost in ("stress", "capacity")
+
     def bounds(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Bounds (n_muscle,) on activation within those that can be reached.
 
@@ -85,16 +90,21 @@ class Sharing:
         """The allocation of Q (nv,) N m.
 
         Args:
-            moments: of the muscles at the state.
+            moments: of the muscles at the state; with damping where `counts_forces`.
             Q: (nv,) N m that activation should supply.
             low: (n_muscle,) lowest activation that can be reached.
             high: (n_muscle,) highest.
             inertia: (nv, nv) kg m^2, by which reserves are priced, see `allocation.build_problem`.
             before: (n_muscle,) activation that smoothness holds on to; None: none yet.
         """
+        w, a0, c = self.weigh(moments, before)
+        return build_problem(moments.B, Q, *self.bounds(low, high), inertia=inertia, w=w, a0=a0, c=c)
+
+    def weigh(self, moments: MuscleMoments, before: Array | None) -> tuple[Array, Array, Array | None]:
+        """The cost at a state as w, a0, c (n_muscle,) of `allocation`; c None where it is quadratic."""
         k, cubic = self.weights, None
         w, a0 = k, np.zeros_like(k)
-        if self.cost in ("stress", "capacity"):
+        if self.counts_forces:
             full = self.strength if self.cost == "stress" else _capacity(moments.gain, self.strength)
             gain, bias = np.abs(moments.gain) / full, moments.bias / full  # a gain that pushes counts by its size
             share = np.maximum(gain**2, _LEAST_SHARE)
@@ -103,7 +113,7 @@ class Sharing:
             w, cubic = _CUBIC_CONVEXITY * k, k
         if self.smoothness and before is not None:
             w, a0 = _held(w, a0, self.smoothness * k, before)
-        return build_problem(moments.B, Q, *self.bounds(low, high), inertia=inertia, w=w, a0=a0, c=cubic)
+        return w, a0, cubic
 
     def allocate(self, problem: AllocationProblem) -> Allocation:
         """Solve a problem with the chosen solver; raises as `allocation.allocate`."""

@@ -14,6 +14,7 @@ import mjhcmc
 from mjhcmc import qp_back_ends, sharing
 from mjhcmc.allocation import allocate, build_problem
 from mjhcmc.errors import SettingsError, SimulationError
+from mjhcmc.methods import correction
 
 BACK_ENDS = ("daqp", "quadprog", "osqp", "proxqp", "piqp", "clarabel")
 BACK_ENDS += ("cvxopt", "kvxopt", "highs", "scs", "qpalm", "pyqpmad")  # no dependencies: tested where installed
@@ -42,6 +43,7 @@ def record(method, *args, **kwargs):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sharing, "allocate", recording)
+        patch.setattr(correction, "_share", lambda *_: False)  # the compiled way allocates unseen
         return method(*args, **kwargs), problems
 
 

@@ -9,6 +9,7 @@ from conftest import load_xml
 
 import mjhcmc
 from mjhcmc import sharing
+from mjhcmc.methods import correction
 from mjhcmc.solution import WindowStatus
 
 GRAVITY, MASS, STRENGTH = 9.81, 2.0, 100.0
@@ -187,7 +188,8 @@ def test_round_trip_recovers_joint_moments_where_they_are(leg8, slow_solution):
 
 @pytest.mark.parametrize("movement", ["slow", "fast"])
 def test_every_allocation_is_optimal(leg8, movement, monkeypatch):
-    solved = []
+    """Step by step each is proven; the compiled way gives the same."""
+    motion, solved = mjhcmc.Motion.cosine(leg8, movement), []
 
     def watched(problem, solver="newton"):
         found = real(problem, solver)
@@ -195,10 +197,14 @@ def test_every_allocation_is_optimal(leg8, movement, monkeypatch):
         return found
 
     real = sharing.allocate
+    compiled = mjhcmc.hcmc(leg8, motion)
     monkeypatch.setattr(sharing, "allocate", watched)
-    solution = mjhcmc.hcmc(leg8, mjhcmc.Motion.cosine(leg8, movement))
-    assert len(solved) > 2 * solution.n_window  # at least one for each of two trials
+    monkeypatch.setattr(correction, "_share", lambda *_: False)
+    solution = mjhcmc.hcmc(leg8, motion)
+    assert len(solved) > solution.n_window * solution.settings["trials"]
     assert max(solved) < 1e-9
+    np.testing.assert_allclose(compiled.activation, solution.activation, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(compiled.qpos, solution.qpos, rtol=0, atol=1e-9)
 
 
 def test_beyond_the_muscles_strength_reserves_are_applied_flagged_and_named(linear_mass):

@@ -184,7 +184,7 @@ class _Cmc:
         plant.set_state(expected)
         plant.set_input(None, np.zeros(windows.model.nv))
         plant.forward()
-        moments = dynamics.muscle_moments(plant)
+        moments = dynamics.muscle_moments(plant, damping=self.sharing.counts_forces)
         Q = dynamics.required_moment(plant, qacc, moments.p)
         activation, lacking = self._targets(moments, Q, (lb, ub), dynamics.mass_matrix(plant), before=state.activation)
         return Inputs(

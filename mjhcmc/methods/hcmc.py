@@ -27,24 +27,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc import dynamics
 from mjhcmc.errors import DivergedError, SettingsError
 from mjhcmc.joint_moments import JointMoments
-from mjhcmc.methods.run import Inputs, Progress, reserve_price, run, static_start
+from mjhcmc.methods.correction import Trial, correct
+from mjhcmc.methods.run import Inputs, Progress, run, static_start
 from mjhcmc.methods.windows import Windows, check_flag, decay_rate, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
-from mjhcmc.plant import MujocoPlant, State
-from mjhcmc.sensitivity import build_up, window_response
+from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State
 from mjhcmc.sharing import Sharing, share
 from mjhcmc.solution import Solution
 
 _LARGEST_GAIN = 3.0  # beyond, the sampled error rings or grows
-_MOST_REFINEMENTS = 4
-_REFINED = 1e-2  # of what a trial misses: the next trial, or the window itself, shows the rest
 
 
 def hcmc(
@@ -145,51 +144,38 @@ class _Hcmc:
 
     def window(self, windows: Windows, k: int, state: State, before: Inputs) -> Inputs:
         """See `run.Method`: corrected by trial windows from the window before, see the module's docstring."""
-        plant, reference, h = windows.plant, windows.reference, windows.dt
-        prm, n = plant.model.activation_parameters, plant.model.n_muscle
+        plant, reference = windows.plant, windows.reference
+        prm = plant.model.activation_parameters
         kp, kv = _feedback(windows, k, state, before.reserve, self)
-        c = 1 + kv * h / 2 + kp * h**2 / 6
         lb, ub = plant.reachable(state.activation, windows.n_step)
         for _ in range(self.trials):
             plant.set_state(state)
             plant.advance(before.excitation, before.reserve, windows.n_step)
             end = plant.get_state()
             qacc = plant.forward().copy()
-            if not (np.isfinite(qacc).all() and np.isfinite(end.activation).all()):
+            moments = dynamics.muscle_moments(plant, damping=self.sharing.counts_forces)
+            M = dynamics.mass_matrix(plant)
+            D, K = dynamics.damping_and_stiffness(plant)
+            if not all(np.isfinite(part).all() for part in (qacc, end.activation, D, K)):
                 raise DivergedError(
                     f"the simulation diverged in the window at {reference.time[k]:.4g} s: use physics_dt <= "
                     f"{plant.physics_dt / 2:.2g}, or filter the motion"
                 )
-            moments = dynamics.muscle_moments(plant)
-            B = moments.B
-            M = dynamics.mass_matrix(plant)
-            D, K = dynamics.damping_and_stiffness(plant)
             v_error, q_error = reference.qvel[k + 1] - end.qvel, reference.qpos[k + 1] - end.qpos
             r = reference.qacc[k + 1] + kv * v_error + kp * q_error - qacc
 
-            phi = build_up(state.activation, before.excitation, prm, plant.physics_dt, windows.n_step)
-            response = window_response(M, D, K, B, phi, plant.physics_dt)
-            answer = response.qacc + kv[:, None] * response.qvel + kp[:, None] * response.qpos
-            N = (M + h / 2 * D + h**2 / 6 * K) / c
-            A, T = N @ answer[:, :n], N @ answer[:, n:]
-            missing = wanted = N @ r
-            Q = B @ end.activation + T @ before.reserve
-            price = reserve_price(M, reserves=self.reserves)
-            for _ in range(_MOST_REFINEMENTS):
-                Q = Q + missing
-                found = self.sharing.allocate(self.sharing.problem(moments, Q, lb, ub, price, state.activation))
-                missing = wanted - A @ (found.activation - end.activation) - (found.reserve - T @ before.reserve)
-                if np.abs(missing).max(initial=0.0) <= _REFINED * np.abs(wanted).max(initial=0.0):
-                    break
-
-            shortfall = np.asarray(np.linalg.solve(T, found.reserve))
+            trial = Trial(
+                state.activation, before.excitation, before.reserve, end.activation, r, moments, M, D, K, kp, kv,
+                lb, ub, prm, plant.physics_dt, windows.n_step,
+            )  # fmt: skip
+            activation, shortfall = correct(trial, self.sharing, reserves=self.reserves)
             before = Inputs(
                 excitation=self.sharing.excitation(
-                    plant.excitation_reaching(state.activation, found.activation, windows.n_step)
+                    plant.excitation_reaching(state.activation, activation, windows.n_step)
                 ),
                 reserve=shortfall if self.reserves else np.zeros_like(shortfall),
                 shortfall=shortfall,
-                fastest_rate=decay_rate(M, D),
+                fastest_rate=decay_rate(M, D, RK4_LIMIT / plant.physics_dt),
             )
         return before
 
@@ -211,16 +197,31 @@ def _feedback(
     plant.set_state(state)
     plant.set_input(None, reserve)
     plant.forward()
-    reach = np.linalg.solve(dynamics.mass_matrix(plant), dynamics.muscle_moments(plant).B)
-    alpha = float(settings.authority) * np.minimum(np.maximum(reach, 0).sum(axis=1), np.maximum(-reach, 0).sum(axis=1))
-    if settings.reserves:
-        alpha = np.maximum(alpha, np.sqrt((reference.qacc**2).mean(axis=0)))
-    e = np.abs(reference.qpos[k] - state.qpos)
-    e_rate = np.abs(reference.qvel[k] - state.qvel)
-    denominator = e_rate + np.sqrt(e_rate**2 + alpha * e)
-    limited = (denominator > 0) & (alpha > 0)
-    gain = float(settings.gain)
-    fastest = gain / windows.dt
-    w = np.full(windows.model.nv, fastest)
-    w[limited] = np.minimum(w[limited], alpha[limited] / denominator[limited])
-    return w**2, 2 * w * np.where(w < fastest, 1.0, 1 - gain / 6)
+    B = dynamics.muscle_moments(plant, damping=False).B
+    least = windows.rms_qacc if settings.reserves else np.zeros(windows.model.nv)
+    q_error, v_error = reference.qpos[k] - state.qpos, reference.qvel[k] - state.qvel
+    kp, kv = np.empty_like(least), np.empty_like(least)
+    _fill_gains(
+        dynamics.mass_matrix(plant), B, q_error, v_error, least, float(settings.authority), float(settings.gain),
+        windows.dt, kp, kv,
+    )  # fmt: skip
+    return kp, kv
+
+
+@numba.njit(cache=True)
+def _fill_gains(M, B, q_error, v_error, least, authority, gain, h, kp, kv):  # type: ignore[no-untyped-def]
+    reach = np.linalg.solve(M, B)
+    for j in range(least.size):
+        up, down = 0.0, 0.0
+        for i in range(B.shape[1]):
+            up += max(reach[j, i], 0.0)
+            down += max(-reach[j, i], 0.0)
+        alpha = max(authority * min(up, down), least[j])
+        e, e_rate = abs(q_error[j]), abs(v_error[j])
+        denominator = e_rate + np.sqrt(e_rate * e_rate + alpha * e)
+        w = gain / h
+        damped = 1.0 - gain / 6.0
+        if denominator > 0.0 and alpha > 0.0 and alpha / denominator < w:
+            w, damped = alpha / denominator, 1.0
+        kp[j] = w * w
+        kv[j] = 2.0 * w * damped

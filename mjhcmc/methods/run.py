@@ -15,7 +15,7 @@ from mjhcmc import dynamics
 from mjhcmc.errors import DivergedError, MjhcmcWarning, SimulationError
 from mjhcmc.log import get_logger
 from mjhcmc.methods.windows import Windows, decay_rate
-from mjhcmc.plant import MujocoPlant, State
+from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State
 from mjhcmc.sharing import Sharing
 from mjhcmc.solution import Solution, window_status
 
@@ -43,7 +43,7 @@ class Inputs:
         excitation: (n_muscle,).
         reserve: (nv,) N m, applied.
         shortfall: (nv,) N m, what the muscles cannot give at the window's end.
-        fastest_rate: 1/s, decay rate of the velocities at one end of the window.
+        fastest_rate: 1/s, decay rate of the velocities at one end of the window, or a bound on it that is harmless.
     """
 
     excitation: NDArray[np.float64]
@@ -135,7 +135,7 @@ def static_start(windows: Windows, sharing: Sharing, *, reserves: bool) -> tuple
     plant.set_state(start if given else replace(start, activation=np.zeros(model.n_muscle)))
     plant.set_input(None, np.zeros(model.nv))
     plant.forward()
-    moments = dynamics.muscle_moments(plant)
+    moments = dynamics.muscle_moments(plant, damping=sharing.counts_forces)
     Q = dynamics.required_moment(plant, windows.reference.qacc[0], moments.p)
     low, high = model.excitation_range.T
     price = reserve_price(dynamics.mass_matrix(plant), reserves=reserves)
@@ -157,7 +157,7 @@ def rate_at(plant: MujocoPlant, state: State, reserve: NDArray[np.float64]) -> f
     plant.forward()
     M = dynamics.mass_matrix(plant)
     D, _ = dynamics.damping_and_stiffness(plant)
-    return decay_rate(M, D)
+    return decay_rate(M, D, RK4_LIMIT / plant.physics_dt)
 
 
 def reserve_price(M: NDArray[np.float64], *, reserves: bool) -> NDArray[np.float64]:
@@ -218,8 +218,8 @@ class Record:
             plant.set_input(None, reserve[min(k, n - 1)])
             plant.forward()
             external[k] = plant.external_load()
-            force[k] = dynamics.node_forces(plant).muscle_force
-            moment[k] = dynamics.net_joint_moment(plant)
+            at_node = dynamics.node_forces(plant)
+            force[k], moment[k] = at_node.muscle_force, at_node.net_joint_moment
         qpos = np.array([state.qpos for state in self.states])
         desired = windows.reference.qpos[: n + 1]
         given = windows.joint_moments

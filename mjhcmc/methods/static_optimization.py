@@ -112,7 +112,7 @@ def _plan(windows: Windows, sharing: Sharing, *, reserves: bool) -> _Plan:
         plant.set_state(State(float(time), reference.qpos[k], reference.qvel[k], rest, zero))
         plant.set_input(None, zero)
         plant.forward()
-        moments = dynamics.muscle_moments(plant)
+        moments = dynamics.muscle_moments(plant, damping=sharing.counts_forces)
         Q = dynamics.required_moment(plant, reference.qacc[k], moments.p)
         price = reserve_price(dynamics.mass_matrix(plant), reserves=reserves)
         before = found[-1].activation if found else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,6 +45,11 @@ class Windows:
     n_step: int
     start: State
     joint_moments: JointMoments | None = None
+
+    @cached_property
+    def rms_qacc(self) -> NDArray[np.float64]:
+        """(nv,) rad/s^2 or m/s^2, root mean square of the desired accelerations."""
+        return np.asarray(np.sqrt((self.reference.qacc**2).mean(axis=0)))
 
     def reference_at(self, time: float) -> Reference:
         """The desired motion at one time; after its end, at its end."""
@@ -178,9 +184,14 @@ def _vector(name: str, given: ArrayLike | None, default: NDArray[np.float64]) ->
     return value
 
 
-def decay_rate(M: NDArray[np.float64], D: NDArray[np.float64]) -> float:
-    """Fastest decay of the velocities, 1/s: the largest real eigenvalue part of M^-1 D."""
-    return float(np.linalg.eigvals(np.linalg.solve(M, D)).real.max(initial=0.0))
+def decay_rate(M: NDArray[np.float64], D: NDArray[np.float64], harmless: float = 0.0) -> float:
+    """Fastest decay of the velocities, 1/s: the largest real eigenvalue part of M^-1 D.
+
+    Where a bound on it (the largest row sum) is at most `harmless`, that bound: it takes a tenth of the time.
+    """
+    rates = np.linalg.solve(M, D)
+    bound = float(np.abs(rates).sum(axis=1).max(initial=0.0))
+    return bound if bound <= harmless else float(np.linalg.eigvals(rates).real.max(initial=0.0))
 
 
 def _check_passive_stability(windows: Windows) -> None:
