@@ -19,44 +19,37 @@ from _markdown import JOINTS, ROOT, digits, grid, main
 from numpy.typing import NDArray
 
 import mjhcmc
-from mjhcmc.methods import hcmc as module
+from mjhcmc.methods import correction
 from mjhcmc.plant import physics_steps
-from mjhcmc.sensitivity import WindowResponse, window_response
 
 CASES = (("fast", 0.01), ("fast", 0.005), ("slow", 0.01))
 TRIALS = (1, 2, 3)
 _SETTLED = 1e-6  # a change of activation too small to tell a ratio from rounding
 
 
-def effective_mass(
-    M: NDArray[np.float64],
-    D: NDArray[np.float64],
-    K: NDArray[np.float64],
-    B: NDArray[np.float64],
-    phi: NDArray[np.float64],
-    step: float,
-) -> WindowResponse:
-    """In place of `window_response`: E qacc = [B, 1], qvel = h/2 qacc, qpos = h^2/6 qacc."""
-    h = (len(phi) - 1) * step
-    qacc = np.linalg.solve(M + h / 2 * D + h**2 / 6 * K, np.hstack([B, np.eye(len(M))]))
-    return WindowResponse(*(np.asarray(factor * qacc, dtype=np.float64) for factor in (1.0, h / 2, h**2 / 6)))
+def effective_mass(a0, u, s, a, r, B, M, D, K, kp, kv, prm, step, n_step, answers, wanted, Q) -> None:  # type: ignore[no-untyped-def]
+    """In place of `correction._linearize`: E qacc = [B, 1], qvel = h/2 qacc, qpos = h^2/6 qacc."""
+    INTEGRATED(a0, u, s, a, r, B, M, D, K, kp, kv, prm, step, n_step, answers, wanted, Q)
+    n, h = B.shape[1], step * n_step
+    c = 1 + kv * h / 2 + kp * h**2 / 6
+    E = M + h / 2 * D + h**2 / 6 * K
+    answers[:] = (E / c) @ (c[:, None] * np.linalg.solve(E, np.hstack([B, np.eye(len(M))])))
+    Q[:] = B @ a + answers[:, n:] @ s
 
 
-PREDICTIONS: dict[str, Callable[..., WindowResponse]] = {
-    "integrated response": window_response,
-    "effective mass": effective_mass,
-}
+INTEGRATED = correction._linearize
+PREDICTIONS: dict[str, Callable[..., None]] = {"integrated response": INTEGRATED, "effective mass": effective_mass}
 
 
 @contextmanager
 def swapped(name: str, value: Any) -> Iterator[None]:
-    """Another function of that name in the method's module, for a while."""
-    held = getattr(module, name)
-    setattr(module, name, value)
+    """Another function of that name in the correction's module, for a while."""
+    held = getattr(correction, name)
+    setattr(correction, name, value)
     try:
         yield
     finally:
-        setattr(module, name, held)
+        setattr(correction, name, held)
 
 
 class Watched(mjhcmc.MujocoPlant):
@@ -93,7 +86,7 @@ def markdown() -> str:
         motion = mjhcmc.Motion.cosine(model, movement)
         for name, response in PREDICTIONS.items():
             for trials in TRIALS:
-                with swapped("window_response", response):
+                with swapped("_linearize", response):
                     solution, contraction = solve(model, motion, dt, trials)
                 largest = np.rad2deg(np.abs(solution.tracking_error).max(axis=0))
                 change = float(np.abs(np.diff(solution.excitation, axis=0)).mean())

@@ -186,9 +186,11 @@ def allocate(problem: AllocationProblem, solver: str = "newton") -> Allocation:
         a, y, iterations = newton(rows, target, *bounds, problem.w, problem.a0, problem.eps)
     s = problem.Q - problem.B @ a
     found = Allocation(a, s, y, abs(iterations))
-    if np.abs(problem.P @ s).max(initial=0.0) > _INFEASIBLE:
+    proven = _PROVEN_CUBIC if is_cubic else _PROVEN
+    large = np.abs(problem.P @ s).max(initial=0.0) > _INFEASIBLE
+    if large or (iterations < 0 and problem.optimality_residual(found) > proven):
         found = _polished(problem, found)
-    if iterations < 0 and problem.optimality_residual(found) > (_PROVEN_CUBIC if is_cubic else _PROVEN):
+    if iterations < 0 and problem.optimality_residual(found) > proven:
         if is_cubic:
             raise SimulationError(
                 f"the allocation with a cubic cost did not settle (residual {problem.optimality_residual(found):.1g}): "
@@ -196,7 +198,8 @@ def allocate(problem: AllocationProblem, solver: str = "newton") -> Allocation:
             )
         from mjhcmc.qp_back_ends import solve_with
 
-        return solve_with(problem, "daqp")  # rounding on a hard vertex: an active-set method decides
+        decided = solve_with(problem, "daqp")  # rounding on a hard vertex: an active-set method decides
+        return min(decided, _polished(problem, decided), key=problem.optimality_residual)
     return found
 
 

@@ -70,6 +70,7 @@ def newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
         for j in range(nv):
             value += d[j] * r[j]
             slope -= eps * d[j] * d[j]
+        flattest = min(slope, -np.finfo(np.float64).tiny)
         count = 0
         for i in range(n):
             pull = 0.0
@@ -98,7 +99,7 @@ def newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
                 break
             value, t = next_value, at
             slope += slopes[order[k]]
-        t -= value / slope
+        t -= value / min(slope, flattest)  # what was added to the slope may not cancel to the last digit
         if not t > 0.0:
             return a, y, -iteration - 1
         for j in range(nv):

@@ -8,59 +8,32 @@ the way a change of activation builds up over the window (1 at its end), and a c
 integrated by the trapezoidal rule over the physics steps (it cannot blow up, however stiff the active muscles are).
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from mjhcmc.activation import advance_one
 
-
-@dataclass(frozen=True)
-class WindowResponse:
-    """Changes at the window's end for unit changes at their end: columns are muscles, then reserves.
-
-    Attributes:
-        qacc: (nv, n_muscle + nv) rad/s^2 per unit of activation, per N m.
-        qvel: (nv, n_muscle + nv) rad/s.
-        qpos: (nv, n_muscle + nv) rad.
-    """
-
-    qacc: NDArray[np.float64]
-    qvel: NDArray[np.float64]
-    qpos: NDArray[np.float64]
+_CHANGE = 1e-3  # of excitation: well above rounding, well below what matters
 
 
-def window_response(
-    M: NDArray[np.float64],
-    D: NDArray[np.float64],
-    K: NDArray[np.float64],
-    B: NDArray[np.float64],
-    phi: NDArray[np.float64],
-    step: float,
-) -> WindowResponse:
-    """Solve the equation above for unit changes of each activation and each reserve.
+@numba.njit(cache=True)
+def fill_response(M, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-untyped-def]
+    """Solve the equation above for unit changes, at the window's end, of each activation and each reserve.
+
+    For compiled code; fills acc (rad/s^2), vel (rad/s) and pos (rad), each (nv, n_muscle + nv): columns are muscles, per
+    unit of activation, then reserves, per N m.
 
     Args:
         M: (nv, nv) kg m^2, mass matrix.
         D: (nv, nv) N m s, -dF/dv of all smooth forces at fixed activation.
         K: (nv, nv) N m, -dF/dq likewise.
         B: (nv, n_muscle) N m, joint moments at full activation.
-        phi: (n_step + 1, n_muscle) build-up of activation, see `build_up`.
+        phi: (n_step + 1, n_muscle) build-up of activation, see `fill_build_up`.
         step: s, physics step.
+        acc: filled.
+        vel: filled.
+        pos: filled.
     """
-    nv, n = B.shape
-    acc, vel, pos = (np.empty((nv, n + nv)) for _ in range(3))
-    fill_response(M, D, K, np.ascontiguousarray(B), phi, step, acc, vel, pos)
-    return WindowResponse(acc, vel, pos)
-
-
-@numba.njit(cache=True)
-def fill_response(M, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-untyped-def]
-    """`window_response` for compiled code: fills acc, vel, pos (nv, n_muscle + nv)."""
     nv, n = B.shape
     inverse = np.linalg.inv(M + step / 2 * D + step * step / 4 * K)
     free = np.linalg.inv(M)
@@ -103,33 +76,18 @@ def _integrate(inverse, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-u
                 pos[i, c] = q[i] + quarter * a
 
 
-def build_up(
-    activation: NDArray[np.float64],
-    excitation: NDArray[np.float64],
-    parameters: NDArray[np.float64],
-    step: float,
-    n_step: int,
-) -> NDArray[np.float64]:
-    """phi (n_step + 1, n_muscle): how a small change of excitation builds up in activation, 1 at the window's end.
-
-    Args:
-        activation: (n_muscle,) at the window's start.
-        excitation: (n_muscle,) of the trial.
-        parameters: (n_muscle, 3) activation dynamics, see `MuscleModel`.
-        step: s, physics step.
-        n_step: physics steps in the window.
-    """
-    phi = np.empty((n_step + 1, activation.size))
-    fill_build_up(activation, excitation, parameters, step, n_step, phi)
-    return phi
-
-
-_CHANGE = 1e-3  # of excitation: well above rounding, well below what matters
-
-
 @numba.njit(cache=True)
 def fill_build_up(a0, u, prm, step, n_step, phi):  # type: ignore[no-untyped-def]
-    """`build_up` for compiled code."""
+    """Fill phi (n_step + 1, n_muscle): how a small change of excitation builds up in activation, 1 at the end.
+
+    Args:
+        a0: (n_muscle,) activation at the window's start.
+        u: (n_muscle,) excitation of the trial.
+        prm: (n_muscle, 3) activation dynamics, see `MuscleModel`.
+        step: s, physics step.
+        n_step: physics steps in the window.
+        phi: filled.
+    """
     for i in range(a0.size):
         other = u[i] + _CHANGE if u[i] < 0.5 else u[i] - _CHANGE
         a, b = a0[i], a0[i]

@@ -85,9 +85,10 @@ def correct(trial: Trial, sharing: Sharing, *, reserves: bool) -> tuple[Array, A
     low, high = sharing.bounds(trial.lb, trial.ub)
     if sharing.solver == NEWTON and c is None:
         activation, shortfall = np.empty(n), np.empty(nv)
+        eps = ELASTICITY / float(w.mean())
         settled = _share(
-            answers, wanted, Q.copy(), trial.activation, trial.reserve, trial.moments.B, trial.M, reserves, low, high, w,
-            a0, ELASTICITY / float(w.mean()), activation, shortfall,
+            answers, wanted, Q.copy(), trial.activation, trial.reserve, trial.moments.B, trial.M, reserves, low, high,
+            w, a0, eps, activation, shortfall,
         )  # fmt: skip
         if settled:
             return activation, shortfall
