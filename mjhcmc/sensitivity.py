@@ -20,8 +20,8 @@ _CHANGE = 1e-3  # of excitation: well above rounding, well below what matters
 def fill_response(M, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-untyped-def]
     """Solve the equation above for unit changes, at the window's end, of each activation and each reserve.
 
-    For compiled code; fills acc (rad/s^2), vel (rad/s) and pos (rad), each (nv, n_muscle + nv): columns are muscles, per
-    unit of activation, then reserves, per N m.
+    For compiled code; fills acc (rad/s^2), vel (rad/s) and pos (rad), each (nv, n_muscle + nv): columns are muscles,
+    per unit of activation, then reserves, per N m.
 
     Args:
         M: (nv, nv) kg m^2, mass matrix.
