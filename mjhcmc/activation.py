@@ -18,7 +18,7 @@ _MIN = 1e-15  # mjMINVAL
 _ITERATIONS = 200
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _rate(a: float, u: float, act: float, deact: float, smooth: float) -> float:
     """Rate of activation, 1/s."""
     u = min(1.0, max(0.0, u))
@@ -35,7 +35,7 @@ def _rate(a: float, u: float, act: float, deact: float, smooth: float) -> float:
     return gap / max(_MIN, tau)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def advance_one(a: float, u: float, act: float, deact: float, smooth: float, h: float, n: int) -> float:
     """Activation after n RK4 steps of length h under constant excitation."""
     for _ in range(n):
@@ -47,7 +47,7 @@ def advance_one(a: float, u: float, act: float, deact: float, smooth: float, h: 
     return a
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _invert(
     a: float,
     target: float,
@@ -90,13 +90,13 @@ def _invert(
     return 0.5 * (low + high)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _advance_all(a, u, prm, h, n, out):  # type: ignore[no-untyped-def]
     for i in range(a.size):
         out[i] = advance_one(a[i], u[i], prm[i, 0], prm[i, 1], prm[i, 2], h, n)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _invert_all(a, target, low, high, prm, h, n, out):  # type: ignore[no-untyped-def]
     for i in range(a.size):
         out[i] = _invert(a[i], target[i], low[i], high[i], prm[i, 0], prm[i, 1], prm[i, 2], h, n)

@@ -15,7 +15,7 @@ _SEARCHES = 100
 _SEARCHED = 1e-6  # of the slope at the start: a coarse search stalls
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
     """Dual Newton on the rows P B, P Q: returns a, lambda, iterations (negative where it did not settle)."""
     nv, n = B.shape
@@ -90,15 +90,15 @@ def newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
             if last > 0.0:
                 breaks[count], slopes[count] = last, change
                 count += 1
-        order = np.argsort(breaks[:count])
+        _sort(breaks, slopes, count)
         t = 0.0
         for k in range(count):
-            at = breaks[order[k]]
+            at = breaks[k]
             next_value = value + slope * (at - t)
             if next_value <= 0.0:
                 break
             value, t = next_value, at
-            slope += slopes[order[k]]
+            slope += slopes[k]
         t -= value / min(slope, flattest)  # what was added to the slope may not cancel to the last digit
         if not t > 0.0:
             return a, y, -iteration - 1
@@ -107,7 +107,24 @@ def newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
     return a, y, -ITERATIONS
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
+def _sort(keys, values, count):  # type: ignore[no-untyped-def]
+    """Sort the first count keys, and the values with them, by Shell's sort, quick to compile."""
+    gap = 1
+    while 3 * gap + 1 < count:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for i in range(gap, count):
+            key, value = keys[i], values[i]
+            j = i
+            while j >= gap and keys[j - gap] > key:
+                keys[j], values[j] = keys[j - gap], values[j - gap]
+                j -= gap
+            keys[j], values[j] = key, value
+        gap //= 3
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _cholesky_solve(H, d):  # type: ignore[no-untyped-def]
     """Solve H x = d in place for a positive definite H given by its lower triangle.
 
@@ -131,7 +148,7 @@ def _cholesky_solve(H, d):  # type: ignore[no-untyped-def]
         d[j] /= H[j, j]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _cubic_response(z, w, c, low, high):  # type: ignore[no-untyped-def]
     """The a that minimizes w/2 a^2 + c/3 a^3 - z a between bounds (low >= 0), and da/dz."""
     if c == 0.0:
@@ -148,7 +165,7 @@ def _cubic_response(z, w, c, low, high):  # type: ignore[no-untyped-def]
     return a, slope
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def newton_cubic(B, Q, lb, ub, w, a0, c, eps):  # type: ignore[no-untyped-def]
     """With the cost w/2 (a - a0)^2 + c/3 a^3: returns a, y, iterations (negative where it did not settle)."""
     nv, n = B.shape
@@ -195,7 +212,7 @@ def newton_cubic(B, Q, lb, ub, w, a0, c, eps):  # type: ignore[no-untyped-def]
     return a, y, -ITERATIONS
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _search(B, Q, lb, ub, w, c, eps, y, d, z, dz):  # type: ignore[no-untyped-def]
     """The step t at which d^T r(y + t d), which falls, is near 0: a full step where that is good, else bracketed."""
     nv, n = B.shape

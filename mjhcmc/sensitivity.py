@@ -12,11 +12,12 @@ import numba
 import numpy as np
 
 from mjhcmc.activation import advance_one
+from mjhcmc.small_linear import inverse_of
 
 _CHANGE = 1e-3  # of excitation: well above rounding, well below what matters
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def fill_response(M, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-untyped-def]
     """Solve the equation above for unit changes, at the window's end, of each activation and each reserve.
 
@@ -35,11 +36,15 @@ def fill_response(M, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-unty
         pos: filled.
     """
     nv, n = B.shape
-    inverse = np.linalg.inv(M + step / 2 * D + step * step / 4 * K)
-    free = np.linalg.inv(M)
-    vel[:] = 0.0
-    pos[:] = 0.0
+    stepped, inverse, free = np.empty((nv, nv)), np.empty((nv, nv)), np.empty((nv, nv))
     for i in range(nv):
+        for j in range(nv):
+            stepped[i, j] = M[i, j] + step / 2 * D[i, j] + step * step / 4 * K[i, j]
+    inverse_of(stepped, inverse)
+    inverse_of(M, free)
+    for i in range(nv):
+        for m in range(n + nv):
+            vel[i, m] = pos[i, m] = 0.0
         for m in range(n):
             acc[i, m] = 0.0
             for j in range(nv):
@@ -49,7 +54,7 @@ def fill_response(M, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-unty
     _integrate(inverse, D, K, B, phi, step, acc, vel, pos)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _integrate(inverse, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-untyped-def]
     nv, columns = acc.shape
     n = B.shape[1]
@@ -76,7 +81,7 @@ def _integrate(inverse, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-u
                 pos[i, c] = q[i] + quarter * a
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def fill_build_up(a0, u, prm, step, n_step, phi):  # type: ignore[no-untyped-def]
     """Fill phi (n_step + 1, n_muscle): how a small change of excitation builds up in activation, 1 at the end.
 

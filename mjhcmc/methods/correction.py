@@ -19,6 +19,7 @@ from mjhcmc.methods.run import reserve_price
 from mjhcmc.qp_back_ends import NEWTON
 from mjhcmc.sensitivity import fill_build_up, fill_response
 from mjhcmc.sharing import Sharing
+from mjhcmc.small_linear import solve_in_place, whitening
 
 _MOST_REFINEMENTS = 4
 _REFINED = 1e-2  # of what a trial misses: the next trial, or the window itself, shows the rest
@@ -113,7 +114,7 @@ def _share_by(
     return found.activation, np.asarray(np.linalg.solve(T, found.reserve))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _linearize(a0, u, s, a, r, B, M, D, K, kp, kv, prm, step, n_step, answers, wanted, Q):  # type: ignore[no-untyped-def]
     """Fill answers = N [X Y] (nv, n + nv), wanted = N r and Q = B a + T s."""
     nv, n = B.shape
@@ -142,7 +143,7 @@ def _linearize(a0, u, s, a, r, B, M, D, K, kp, kv, prm, step, n_step, answers, w
             Q[i] += answers[i, n + j] * s[j]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _share(answers, wanted, Q, a_end, s_end, B, M, reserves, lb, ub, w, a0, eps, activation, shortfall):  # type: ignore[no-untyped-def]
     """Move Q until A da + T ds = N r holds; False where the allocation is no routine one."""
     nv, n = B.shape
@@ -151,26 +152,35 @@ def _share(answers, wanted, Q, a_end, s_end, B, M, reserves, lb, ub, w, a0, eps,
         for i in range(nv):
             P[i, i] = 1.0 / np.sqrt(M[i, i])
     else:
-        P[:] = np.linalg.inv(np.linalg.cholesky(M))
-    rows = P @ B
+        whitening(M, P)
+    rows = np.zeros((nv, n))
     strength = 0.0
     for i in range(nv):
         total = 0.0
         for m in range(n):
+            for j in range(nv):
+                rows[i, m] += P[i, j] * B[j, m]
             total += abs(rows[i, m])
         strength = max(strength, total)
     if strength <= _NO_STRENGTH:
         strength = 1.0
-    P /= strength
-    rows /= strength
-    missing = wanted.copy()
-    s = np.empty(nv)
+    for i in range(nv):
+        for j in range(nv):
+            P[i, j] /= strength
+        for m in range(n):
+            rows[i, m] /= strength
+    s, target, missing = np.empty(nv), np.empty(nv), np.empty(nv)
+    for i in range(nv):
+        missing[i] = wanted[i]
     for _ in range(_MOST_REFINEMENTS):
         for i in range(nv):
             Q[i] += missing[i]
-        target = P @ Q
-        if not np.isfinite(target).all():
-            return False
+        for i in range(nv):
+            target[i] = 0.0
+            for j in range(nv):
+                target[i] += P[i, j] * Q[j]
+            if not abs(target[i]) < np.inf:
+                return False
         a, _, iterations = newton(rows, target, lb, ub, w, a0, eps)
         most, least = 0.0, 0.0
         for i in range(nv):
@@ -192,6 +202,14 @@ def _share(answers, wanted, Q, a_end, s_end, B, M, reserves, lb, ub, w, a0, eps,
             return False
         if most <= _REFINED * least:
             break
-    activation[:] = a
-    shortfall[:] = np.linalg.solve(np.ascontiguousarray(answers[:, n:]), s)
+    T, left = np.empty((nv, nv)), np.empty((nv, 1))
+    for i in range(nv):
+        left[i, 0] = s[i]
+        for j in range(nv):
+            T[i, j] = answers[i, n + j]
+    solve_in_place(T, left)
+    for i in range(nv):
+        shortfall[i] = left[i, 0]
+    for m in range(n):
+        activation[m] = a[m]
     return True

@@ -41,6 +41,7 @@ from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
 from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State
 from mjhcmc.sharing import Sharing, share
+from mjhcmc.small_linear import solve_in_place
 from mjhcmc.solution import Solution
 
 _LARGEST_GAIN = 3.0  # beyond, the sampled error rings or grows
@@ -208,9 +209,15 @@ def _feedback(
     return kp, kv
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _fill_gains(M, B, q_error, v_error, least, authority, gain, h, kp, kv):  # type: ignore[no-untyped-def]
-    reach = np.linalg.solve(M, B)
+    used, reach = np.empty_like(M), np.empty(B.shape)
+    for j in range(B.shape[0]):
+        for i in range(B.shape[0]):
+            used[j, i] = M[j, i]
+        for i in range(B.shape[1]):
+            reach[j, i] = B[j, i]
+    solve_in_place(used, reach)
     for j in range(least.size):
         up, down = 0.0, 0.0
         for i in range(B.shape[1]):
