@@ -359,14 +359,16 @@ def test_an_interrupt_before_the_first_window_leaves_nothing(run, mot, tmp_path,
 
 
 def test_an_interrupt_of_a_later_method_keeps_all_of_hcmc(run, tmp_path, monkeypatch, no_figures):
-    real = mjhcmc.methods.cmc._Cmc.window
+    from mjhcmc.methods.cmc import _Cmc
+
+    real = _Cmc.window
 
     def window(self, windows, k, *arguments):
         if k == 3:
             raise KeyboardInterrupt
         return real(self, windows, k, *arguments)
 
-    monkeypatch.setattr(mjhcmc.methods.cmc._Cmc, "window", window)
+    monkeypatch.setattr(_Cmc, "window", window)
     outcome = run("reproduce", "--out", tmp_path / "out")
     assert outcome.code == 130
     assert "solution.parquet" in outcome.err
