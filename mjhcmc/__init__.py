@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mjhcmc.detail import Detail
     from mjhcmc.errors import (
+        DivergedError,
         MjhcmcError,
         MjhcmcWarning,
         ModelError,
@@ -43,6 +44,7 @@ __version__ = "0.1.0"
 # Where each public name lives. Imported on first use: MuJoCo and Numba take a second, `mjhcmc --help` should not.
 _HOME = {
     "Detail": "detail",
+    "DivergedError": "errors",
     "JointMoments": "joint_moments",
     "MjhcmcError": "errors",
     "MjhcmcWarning": "errors",
@@ -71,6 +73,7 @@ _HOME = {
 
 __all__ = [
     "Detail",
+    "DivergedError",
     "JointMoments",
     "MjhcmcError",
     "MjhcmcWarning",
