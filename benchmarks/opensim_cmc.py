@@ -8,13 +8,12 @@ Runs OpenSim: needs its Python package (opensim 4.6) in the same environment, an
 
 from __future__ import annotations
 
-import tempfile
 import warnings
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from _markdown import ROOT, digits, grid, main
+from _opensim_tools import cmc_tool
 from opensim_agreement import (
     FLOOR,
     MOVEMENTS,
@@ -32,26 +31,7 @@ from mjhcmc.io.opensim import read_table
 from mjhcmc.opensim_reference import OpenSimRun, find_reference
 from mjhcmc.sharing import COSTS
 
-MOTION = {"slow": ("traj_a_nopad.mot", 1.8), "fast": ("traj_b_nopad.mot", 0.6)}
-KP, KV, WINDOW, RESERVE = 100, 20, 0.01, 1.0
 TENDONS = ("compliant", "rigid")
-
-SETUP = """<?xml version="1.0" encoding="UTF-8" ?>
-<OpenSimDocument Version="40000"><CMCTool name="cmc">
-<model_file>{folder}/model.osim</model_file><replace_force_set>false</replace_force_set>
-<results_directory>{folder}</results_directory><output_precision>12</output_precision>
-<initial_time>0</initial_time><final_time>{end}</final_time>
-<solve_for_equilibrium_for_auxiliary_states>true</solve_for_equilibrium_for_auxiliary_states>
-<maximum_number_of_integrator_steps>30000</maximum_number_of_integrator_steps>
-<maximum_integrator_step_size>{window}</maximum_integrator_step_size>
-<minimum_integrator_step_size>1e-8</minimum_integrator_step_size>
-<integrator_error_tolerance>1e-5</integrator_error_tolerance>
-<desired_kinematics_file>{motion}</desired_kinematics_file><task_set_file>{folder}/tasks.xml</task_set_file>
-<lowpass_cutoff_frequency>-1</lowpass_cutoff_frequency><cmc_time_window>{window}</cmc_time_window>
-<use_fast_optimization_target>true</use_fast_optimization_target>
-<optimizer_algorithm>ipopt</optimizer_algorithm><optimizer_convergence_criterion>1e-5</optimizer_convergence_criterion>
-<optimizer_max_iterations>2000</optimizer_max_iterations></CMCTool></OpenSimDocument>
-"""
 
 
 @cache
@@ -64,35 +44,8 @@ def run(movement: str, tendon: str) -> OpenSimRun:
     if not (source / "leg8.osim").is_file():
         raise SystemExit("OpenSim's model of the leg (shared/reference/leg8) is not beside this checkout")
     opensim.Logger.setLevelString("error")
-    motion, end = MOTION[movement]
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        leg = opensim.Model(str(source / "leg8.osim"))
-        muscles = leg.getMuscles()
-        for i in range(muscles.getSize()):
-            muscles.get(i).set_ignore_tendon_compliance(tendon == "rigid")
-        tasks = opensim.CMC_TaskSet()
-        for path in model().opensim.paths.values():
-            coordinate = path.split("/")[-1]
-            reserve = opensim.CoordinateActuator(coordinate)
-            reserve.setName(f"reserve_{coordinate}")
-            reserve.setOptimalForce(RESERVE)
-            reserve.setMinControl(-100.0)
-            reserve.setMaxControl(100.0)
-            leg.addForce(reserve)
-            task = opensim.CMC_Joint()
-            task.setName(coordinate)
-            task.setCoordinateName(coordinate)
-            task.setKP(KP, 1, 1)
-            task.setKV(KV, 1, 1)
-            task.setActive(True, False, False)
-            tasks.cloneAndAppend(task)
-        leg.finalizeConnections()
-        leg.printToXML(str(folder / "model.osim"))
-        tasks.printToXML(str(folder / "tasks.xml"))
-        setup = folder / "setup.xml"
-        setup.write_text(SETUP.format(folder=folder, end=end, window=WINDOW, motion=source / motion), encoding="utf-8")
-        if not opensim.CMCTool(str(setup)).run():
+    with cmc_tool(source, movement, tendon) as (tool, folder):
+        if not tool.run():
             raise SystemExit(f"OpenSim's CMC failed on {movement} with {tendon} tendons")
         with warnings.catch_warnings(action="ignore"):  # CMC damages the header of its own states file
             table = read_table(folder / "cmc_states.sto")

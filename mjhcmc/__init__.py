@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from mjhcmc.joint_moments import JointMoments
     from mjhcmc.methods.cmc import cmc
     from mjhcmc.methods.hcmc import hcmc
+    from mjhcmc.methods.hcmc_batch import hcmc_batch
     from mjhcmc.methods.run import SolveInterrupted
     from mjhcmc.methods.static_optimization import static_optimization
     from mjhcmc.model import MuscleModel
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from mjhcmc.plant import MujocoPlant
     from mjhcmc.segments import joint_angles, segment_angles
     from mjhcmc.solution import Solution, WindowStatus
+    from mjhcmc.solution_batch import SimulationStatus, SolutionBatch
     from mjhcmc.verify import Verdict, replay, replay_windows
 
 __version__ = "0.1.0"
@@ -56,7 +58,9 @@ _HOME = {
     "OutputError": "errors",
     "SettingsError": "errors",
     "SimulationError": "errors",
+    "SimulationStatus": "solution_batch",
     "Solution": "solution",
+    "SolutionBatch": "solution_batch",
     "SolveInterrupted": "methods.run",
     "Verdict": "verify",
     "WindowStatus": "solution",
@@ -64,6 +68,7 @@ _HOME = {
     "cmc": "methods.cmc",
     "export_opensim": "io.export",
     "hcmc": "methods.hcmc",
+    "hcmc_batch": "methods.hcmc_batch",
     "joint_angles": "segments",
     "replay": "verify",
     "replay_windows": "verify",
@@ -85,7 +90,9 @@ __all__ = [
     "OutputError",
     "SettingsError",
     "SimulationError",
+    "SimulationStatus",
     "Solution",
+    "SolutionBatch",
     "SolveInterrupted",
     "Verdict",
     "WindowStatus",
@@ -93,6 +100,7 @@ __all__ = [
     "cmc",
     "export_opensim",
     "hcmc",
+    "hcmc_batch",
     "joint_angles",
     "replay",
     "replay_windows",

@@ -16,6 +16,7 @@ from mjhcmc.errors import SettingsError
 
 _MIN = 1e-15  # mjMINVAL
 _ITERATIONS = 200
+_CLOSE = 1e-15  # of activation: rounding
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -48,34 +49,45 @@ def advance_one(a: float, u: float, act: float, deact: float, smooth: float, h: 
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _invert(
+def invert_one(
     a: float,
     target: float,
     low: float,
     high: float,
+    a_low: float,
+    a_high: float,
     act: float,
     deact: float,
     smooth: float,
     h: float,
     n: int,
+    close: float,
 ) -> float:
     """The excitation in [low, high] whose window ends nearest to the target activation.
 
-    A bracketed secant search (Illinois): the map is monotone in u but has a kink where u crosses a.
+    a_low and a_high are the activations that low and high lead to, ``close`` what of activation may be missed. A
+    bracketed secant search (Illinois): the map is monotone in u. Its kink is where u = a, which leaves activation as it
+    is: the search stays on one side.
     """
-    f_low = advance_one(a, low, act, deact, smooth, h, n) - target
+    f_low, f_high = a_low - target, a_high - target
     if f_low >= 0.0:
         return low
-    f_high = advance_one(a, high, act, deact, smooth, h, n) - target
     if f_high <= 0.0:
         return high
+    if low < a < high:
+        if a > target:
+            high, f_high = a, a - target
+        elif a < target:
+            low, f_low = a, a - target
+        else:
+            return a
     side = 0
     for i in range(_ITERATIONS):
         u = (low * f_high - high * f_low) / (f_high - f_low)
         if not low < u < high or i % 16 == 15:  # guard against a stalled secant
             u = 0.5 * (low + high)
         f = advance_one(a, u, act, deact, smooth, h, n) - target
-        if abs(f) < 1e-15 or high - low < 1e-15:
+        if abs(f) < close or high - low < _CLOSE:
             return u
         if f < 0.0:
             low, f_low = u, f
@@ -99,7 +111,10 @@ def _advance_all(a, u, prm, h, n, out):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, error_model="numpy")
 def _invert_all(a, target, low, high, prm, h, n, out):  # type: ignore[no-untyped-def]
     for i in range(a.size):
-        out[i] = _invert(a[i], target[i], low[i], high[i], prm[i, 0], prm[i, 1], prm[i, 2], h, n)
+        act, deact, smooth = prm[i]
+        a_low = advance_one(a[i], low[i], act, deact, smooth, h, n)
+        a_high = advance_one(a[i], high[i], act, deact, smooth, h, n)
+        out[i] = invert_one(a[i], target[i], low[i], high[i], a_low, a_high, act, deact, smooth, h, n, _CLOSE)
 
 
 def activation_after(

@@ -18,19 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.allocation_kernels import newton, newton_cubic
+from mjhcmc.allocation_proof import CANCELLATION, INFEASIBLE, PROVEN, settle
 from mjhcmc.errors import SettingsError, SimulationError
 
 ELASTICITY = 1e-9
 """Price of reserves: the whole strength of the muscles taken over by reserves costs 1/(2 ELASTICITY) mean weights."""
 
-_PROVEN = 1e-9
+_USABLE = 1e-7  # optimality residual: activations are then right to 1e-6
 _PROVEN_CUBIC = 1e-6  # near 0 a cubic cost answers to the price of a moment like a square root
-_INFEASIBLE = 1e-6  # reserves above this share of the muscles' strength are more than the elasticity
+_NOT_FINITE = "the allocation holds a value that is not finite: the simulation has diverged"
 _POLISHING_STEPS = 20
 _POLISHED = 1e-14
 _NO_STRENGTH = 1e-9  # N m: a joint that no muscle moves
 _AT_BOUND = 1e-7  # of activation: nearer, a muscle counts as held by its bound
-_CANCELLATION = 1e-6  # of the terms that cancel in a stationary activation: what rounding leaves stays under 1e-9
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class AllocationProblem:
         """The largest violation of the optimality conditions, each on its own scale.
 
         Zero at the optimum: bounds, P (B a + s - Q) = 0, P s = eps lambda, a = clip(a - g/(w + c), lb, ub) with
-        g = w (a - a0) + c a^2 - (P B)^T lambda.
+        g = w (a - a0) + c a^2 - (P B)^T lambda. Infinite where anything is not finite.
         """
         a, s, y = solution.activation, solution.reserve, solution.multiplier
         rows = self.P @ self.B
@@ -89,9 +89,10 @@ class AllocationProblem:
         price = float(np.max(np.abs(self.P @ s - self.eps * y)))
         scale = self.w + self.c
         descent = (self.w * self.a0 + self.c * a * (1 - a) + rows.T @ y) / scale  # a - g/scale
-        rounding = 1.0 + _CANCELLATION * (np.abs(rows).T @ np.abs(y) / scale)  # where reserves are large
+        rounding = 1.0 + CANCELLATION * (np.abs(rows).T @ np.abs(y) / scale)  # where reserves are large
         stationary = float(np.max(np.abs(a - np.clip(descent, self.lb, self.ub)) / rounding))
-        return max(bounds, balance, price, stationary)
+        worst = float(np.max([bounds, balance, price, stationary]))
+        return np.inf if np.isnan(worst) else worst
 
 
 def build_problem(
@@ -144,19 +145,20 @@ def build_problem(
         w=weights,
         a0=np.zeros(n) if a0 is None else np.asarray(a0, dtype=np.float64),
         c=cubic,
-        P=_comparable(B, inertia),
+        P=comparable(B, inertia),
         eps=elasticity / float((weights + cubic).mean()),
     )
 
 
-def _comparable(B: NDArray[np.float64], inertia: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """(nv, nv) P of `AllocationProblem`: the rows of P B have sums of absolute values about 1."""
+def comparable(B: NDArray[np.float64], inertia: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """(..., nv, nv) P of `AllocationProblem`: the rows of P B have sums of absolute values about 1."""
+    nv = B.shape[-2]
     if inertia is None:
-        strength = np.abs(B).sum(axis=1)
-        return np.diag(1.0 / np.where(strength > _NO_STRENGTH, strength, 1.0))
+        strength = np.abs(B).sum(axis=-1)
+        return np.eye(nv) / np.where(strength > _NO_STRENGTH, strength, 1.0)[..., None]
     whitened = np.linalg.inv(np.linalg.cholesky(inertia))
-    strength = float(np.abs(whitened @ B).sum(axis=1).max())
-    return whitened / (strength if strength > _NO_STRENGTH else 1.0)
+    reach = np.abs(whitened @ B).sum(axis=-1).max(axis=-1, initial=0.0)
+    return np.asarray(whitened / np.where(reach > _NO_STRENGTH, reach, 1.0)[..., None, None])
 
 
 def allocate(problem: AllocationProblem, solver: str = "newton") -> Allocation:
@@ -172,38 +174,82 @@ def allocate(problem: AllocationProblem, solver: str = "newton") -> Allocation:
     """
     parts = (problem.B, problem.Q, problem.lb, problem.ub, problem.w, problem.a0, problem.c, problem.P)
     if not all(np.isfinite(part).all() for part in parts):
-        raise SimulationError("the allocation holds a value that is not finite: the simulation has diverged")
+        raise SimulationError(_NOT_FINITE)
     if solver != "newton":
         from mjhcmc.qp_back_ends import solve_with
 
         return solve_with(problem, solver)
-    rows, target = problem.P @ problem.B, problem.P @ problem.Q
-    bounds = problem.lb, problem.ub
-    is_cubic = bool(problem.c.any())
-    if is_cubic:
-        a, y, iterations = newton_cubic(rows, target, *bounds, problem.w, problem.a0, problem.c, problem.eps)
-    else:
-        a, y, iterations = newton(rows, target, *bounds, problem.w, problem.a0, problem.eps)
-    s = problem.Q - problem.B @ a
-    found = Allocation(a, s, y, abs(iterations))
-    proven = _PROVEN_CUBIC if is_cubic else _PROVEN
-    large = np.abs(problem.P @ s).max(initial=0.0) > _INFEASIBLE
-    if large or (iterations < 0 and problem.optimality_residual(found) > proven):
-        found = _polished(problem, found)
-    if iterations < 0 and problem.optimality_residual(found) > proven:
-        if is_cubic:
-            raise SimulationError(
-                f"the allocation with a cubic cost did not settle (residual {problem.optimality_residual(found):.1g}): "
-                "use a quadratic cost"
-            )
-        from mjhcmc.qp_back_ends import solve_with
+    if problem.c.any():
+        return _allocate_cubic(problem)
+    found, residual = settled(problem)
+    if np.isnan(residual):  # products that overflow
+        raise SimulationError(_NOT_FINITE)
+    if residual > PROVEN:
+        from mjhcmc.allocation_hard import decide
 
-        decided = solve_with(problem, "daqp")  # rounding on a hard vertex: an active-set method decides
-        return min(decided, _polished(problem, decided), key=problem.optimality_residual)
+        found, residual, _ = decide(problem, found, residual)
+    if residual > _USABLE:
+        raise SimulationError(
+            f"the allocation did not settle (residual {residual:.1g}): bring weights and joint moments closer together"
+        )
     return found
 
 
-def _polished(problem: AllocationProblem, found: Allocation) -> Allocation:
+def settled(problem: AllocationProblem, multiplier: NDArray[np.float64] | None = None) -> tuple[Allocation, float]:
+    """What the compiled solver finds for a quadratic cost, and the residual that it proves, NaN if not finite.
+
+    Args:
+        problem: one problem.
+        multiplier: (nv,) to start from.
+    """
+    parts = (problem.B, problem.Q, problem.lb, problem.ub, problem.w, problem.a0, problem.P)
+    B, Q, lb, ub, w, a0, P = (np.require(part, np.float64, ("C", "W")) for part in parts)
+    eps, a = float(problem.eps), np.zeros_like(w)
+    y = np.zeros_like(Q) if multiplier is None else np.array(multiplier, dtype=np.float64)
+    many_rows, many_target = rows_of(P[None], B[None], Q[None])
+    rows, target = many_rows[0], many_target[0]
+    if multiplier is None:  # most end here, and spare the first call the time to compile the rest
+        iterations = newton(rows, target, lb, ub, w, a0, eps, y, a)
+        reserve = reserves_of(B[None], Q[None], a[None])[0]
+        priced = P @ reserve
+        missed = float(np.abs(priced - eps * y).max(initial=0.0))  # a is stationary to the last bit
+        if iterations >= 0 and missed <= 0.5 * PROVEN and np.abs(priced).max(initial=0.0) <= INFEASIBLE:
+            return Allocation(a, reserve, y, iterations), missed
+        y = np.zeros_like(Q)
+    iterations, residual = settle(rows, target, lb, ub, w, a0, eps, y, a)
+    return Allocation(a, reserves_of(B[None], Q[None], a[None])[0], y, iterations), residual
+
+
+def rows_of(
+    P: NDArray[np.float64], B: NDArray[np.float64], Q: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """P B (b, nv, n_muscle) and P Q (b, nv)."""
+    with np.errstate(all="ignore"):  # what overflows is found later
+        return P @ B, (P @ Q[..., None])[..., 0]
+
+
+def reserves_of(B: NDArray[np.float64], Q: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Q - B a (b, nv)."""
+    with np.errstate(all="ignore"):
+        return np.asarray(Q - (B @ a[..., None])[..., 0])
+
+
+def _allocate_cubic(problem: AllocationProblem) -> Allocation:
+    rows, target = problem.P @ problem.B, problem.P @ problem.Q
+    a, y, iterations = newton_cubic(rows, target, problem.lb, problem.ub, problem.w, problem.a0, problem.c, problem.eps)
+    found = Allocation(a, problem.Q - problem.B @ a, y, abs(iterations))
+    large = np.abs(problem.P @ found.reserve).max(initial=0.0) > INFEASIBLE
+    if large or (iterations < 0 and problem.optimality_residual(found) > _PROVEN_CUBIC):
+        found = polished(problem, found)
+    if iterations < 0 and problem.optimality_residual(found) > _PROVEN_CUBIC:
+        raise SimulationError(
+            f"the allocation with a cubic cost did not settle (residual {problem.optimality_residual(found):.1g}): "
+            "use a quadratic cost"
+        )
+    return found
+
+
+def polished(problem: AllocationProblem, found: Allocation) -> Allocation:
     """The same optimum to full precision where reserves are large: least squares over the muscles between bounds.
 
     There lambda = P s/eps is huge and a free activation is the small difference of large terms. A cubic cost takes a

@@ -11,103 +11,134 @@ import numpy as np
 ITERATIONS = 200
 TOLERANCE = 1e-11  # of the moments asked for
 ROUNDING = 1e-15
+_LEAST_ROW = 1e-6  # of the strongest row: weaker ones are measured as if they had this
 _SEARCHES = 100
 _SEARCHED = 1e-6  # of the slope at the start: a coarse search stalls
 
 
-@numba.njit(cache=True, error_model="numpy")
-def newton(B, Q, lb, ub, w, a0, eps):  # type: ignore[no-untyped-def]
-    """Dual Newton on the rows P B, P Q: returns a, lambda, iterations (negative where it did not settle)."""
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def newton(B, Q, lb, ub, w, a0, eps, y, a):  # type: ignore[no-untyped-def]
+    """Dual Newton on the rows P B, P Q: fills a (n,), returns iterations (negative where it did not settle).
+
+    y (nv,) comes in as the multiplier to start from (zeros where none is known) and goes out as the one found. One
+    that no reserve could have counts as zeros.
+    """
     nv, n = B.shape
-    y = np.zeros(nv)
-    a = np.empty(n)
-    z = np.empty(n)  # unclipped activation
-    dz = np.empty(n)
-    r = np.empty(nv)
-    H = np.empty((nv, nv))
-    d = np.empty(nv)
-    breaks = np.empty(2 * n)
-    slopes = np.empty(2 * n)
-    size_Q = 1.0
+    z, dz, breaks, slopes = np.empty(n), np.empty(n), np.empty(2 * n), np.empty(2 * n)  # z: unclipped activation
+    H, r, d, accepted = np.empty((nv, nv)), np.empty(nv), np.empty(nv), np.empty(nv)
+    known, strongest, tiny = True, 0.0, np.finfo(np.float64).tiny
     for j in range(nv):
-        size_Q = max(size_Q, abs(Q[j]))
+        reach = 0.0
+        for i in range(n):
+            reach += abs(B[j, i]) * max(abs(lb[i]), abs(ub[i]))
+        accepted[j] = max(reach, abs(Q[j]))
+        strongest = max(strongest, accepted[j])
+        if not abs(eps * y[j]) <= 4.0 * accepted[j]:  # NaN, too
+            known = False
+    for j in range(nv):
+        accepted[j] = TOLERANCE * max(accepted[j], _LEAST_ROW * strongest, tiny)  # each row on its own scale
+        if not known:
+            y[j] = 0.0
     last_worst = np.inf
     for iteration in range(ITERATIONS):
         for i in range(n):
-            pull = 0.0
-            for j in range(nv):
-                pull += B[j, i] * y[j]
-            z[i] = a0[i] + pull / w[i]
+            z[i] = 0.0
+        for j in range(nv):
+            for i in range(n):
+                z[i] += B[j, i] * y[j]
+        for i in range(n):
+            z[i] = a0[i] + z[i] / w[i]
             a[i] = min(ub[i], max(lb[i], z[i]))
-        worst = 0.0
-        rounding = 0.0  # where reserves are large, so is y, and B^T y cancels
+        settled, worst = True, 0.0  # in units of what is accepted
         for j in range(nv):
             r[j] = Q[j] - eps * y[j]
-            noise = 0.0
             for i in range(n):
                 r[j] -= B[j, i] * a[i]
-                if lb[i] < z[i] < ub[i]:
-                    for k in range(nv):
-                        noise += abs(B[j, i] * B[k, i] * y[k]) / w[i]
-            worst = max(worst, abs(r[j]))
-            rounding = max(rounding, ROUNDING * noise)
-        if worst <= TOLERANCE * size_Q:
-            return a, y, iteration
-        if worst <= rounding and worst > 0.5 * last_worst:  # as far as rounding lets it: to be proven
-            return a, y, -iteration - 1
+            d[j] = r[j]
+            missed = abs(r[j]) / accepted[j]
+            settled = settled and missed <= 1.0  # False with NaN
+            worst = max(worst, missed)
+        if settled:
+            return iteration
+        if worst > 0.5 * last_worst and _is_rounding(B, lb, ub, w, y, z, r):  # to be proven
+            return -iteration - 1
         last_worst = worst
         for j in range(nv):
             for k in range(j + 1):
-                H[j, k] = 0.0
-                for i in range(n):
-                    if lb[i] < z[i] < ub[i]:
-                        H[j, k] += B[j, i] * B[k, i] / w[i]
-            H[j, j] += eps
-            d[j] = r[j]
+                H[j, k] = eps if j == k else 0.0
+        for i in range(n):
+            if lb[i] < z[i] < ub[i]:
+                for j in range(nv):
+                    share = B[j, i] / w[i]
+                    for k in range(j + 1):
+                        H[j, k] += share * B[k, i]
         _cholesky_solve(H, d)
         # exact line search: d^T r(y + t d) is decreasing and piecewise linear in t
         value, slope = 0.0, 0.0
         for j in range(nv):
             value += d[j] * r[j]
             slope -= eps * d[j] * d[j]
-        flattest = min(slope, -np.finfo(np.float64).tiny)
-        count = 0
+        flattest = min(slope, -tiny)
         for i in range(n):
-            pull = 0.0
-            for j in range(nv):
-                pull += B[j, i] * d[j]
-            dz[i] = pull / w[i]
+            dz[i] = 0.0
+        for j in range(nv):
+            for i in range(n):
+                dz[i] += B[j, i] * d[j]
+        count, nearest = 0, np.inf
+        for i in range(n):
+            dz[i] /= w[i]
             if dz[i] == 0.0:
                 continue
             change = w[i] * dz[i] * dz[i]
-            first = (lb[i] - z[i]) / dz[i] if dz[i] > 0.0 else (ub[i] - z[i]) / dz[i]  # becomes free
-            last = (ub[i] - z[i]) / dz[i] if dz[i] > 0.0 else (lb[i] - z[i]) / dz[i]  # is clipped again
-            if first <= 0.0 < last:
+            first = ((lb[i] if dz[i] > 0.0 else ub[i]) - z[i]) / dz[i]  # becomes free
+            last = ((ub[i] if dz[i] > 0.0 else lb[i]) - z[i]) / dz[i]  # is clipped again
+            if last <= 0.0:
+                continue
+            if first <= 0.0:
                 slope -= change
-            elif first > 0.0:
+            else:
                 breaks[count], slopes[count] = first, -change
+                nearest = min(nearest, first)
                 count += 1
-            if last > 0.0:
-                breaks[count], slopes[count] = last, change
-                count += 1
-        _sort(breaks, slopes, count)
+            breaks[count], slopes[count] = last, change
+            nearest = min(nearest, last)
+            count += 1
         t = 0.0
-        for k in range(count):
-            at = breaks[k]
-            next_value = value + slope * (at - t)
-            if next_value <= 0.0:
-                break
-            value, t = next_value, at
-            slope += slopes[k]
+        if value + slope * nearest > 0.0:  # else a full step ends before anything changes
+            _sort(breaks, slopes, count)
+            for k in range(count):
+                at = breaks[k]
+                next_value = value + slope * (at - t)
+                if next_value <= 0.0:
+                    break
+                value, t = next_value, at
+                slope += slopes[k]
         t -= value / min(slope, flattest)  # what was added to the slope may not cancel to the last digit
         if not t > 0.0:
-            return a, y, -iteration - 1
+            return -iteration - 1
         for j in range(nv):
             y[j] += t * d[j]
-    return a, y, -ITERATIONS
+    return -ITERATIONS
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _is_rounding(B, lb, ub, w, y, z, r):  # type: ignore[no-untyped-def]
+    """Whether r is no more than what rounding leaves: where reserves are large, so is y, and B^T y cancels."""
+    nv, n = B.shape
+    worst, most = 0.0, 0.0
+    for j in range(nv):
+        noise = 0.0
+        for i in range(n):
+            if lb[i] < z[i] < ub[i]:
+                pull = 0.0
+                for k in range(nv):
+                    pull += abs(B[k, i] * y[k])
+                noise += abs(B[j, i]) * pull / w[i]
+        worst, most = max(worst, abs(r[j])), max(most, noise)
+    return worst <= ROUNDING * most
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def _sort(keys, values, count):  # type: ignore[no-untyped-def]
     """Sort the first count keys, and the values with them, by Shell's sort, quick to compile."""
     gap = 1
@@ -124,7 +155,7 @@ def _sort(keys, values, count):  # type: ignore[no-untyped-def]
         gap //= 3
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def _cholesky_solve(H, d):  # type: ignore[no-untyped-def]
     """Solve H x = d in place for a positive definite H given by its lower triangle.
 
@@ -148,7 +179,7 @@ def _cholesky_solve(H, d):  # type: ignore[no-untyped-def]
         d[j] /= H[j, j]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def _cubic_response(z, w, c, low, high):  # type: ignore[no-untyped-def]
     """The a that minimizes w/2 a^2 + c/3 a^3 - z a between bounds (low >= 0), and da/dz."""
     if c == 0.0:
@@ -165,7 +196,7 @@ def _cubic_response(z, w, c, low, high):  # type: ignore[no-untyped-def]
     return a, slope
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def newton_cubic(B, Q, lb, ub, w, a0, c, eps):  # type: ignore[no-untyped-def]
     """With the cost w/2 (a - a0)^2 + c/3 a^3: returns a, y, iterations (negative where it did not settle)."""
     nv, n = B.shape
@@ -212,7 +243,7 @@ def newton_cubic(B, Q, lb, ub, w, a0, c, eps):  # type: ignore[no-untyped-def]
     return a, y, -ITERATIONS
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def _search(B, Q, lb, ub, w, c, eps, y, d, z, dz):  # type: ignore[no-untyped-def]
     """The step t at which d^T r(y + t d), which falls, is near 0: a full step where that is good, else bracketed."""
     nv, n = B.shape

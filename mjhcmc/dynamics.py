@@ -6,16 +6,19 @@ R = -dL/dq and forces pull positive, so that the muscles' joint moment is R^T F 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjhcmc.model import MuscleModel
 from mjhcmc.plant import MujocoPlant
 
-_VELOCITY_STEP = 1e-5  # rad/s: error about (step^2 + 1e-16/step) on forces smooth in v
-_POSITION_STEP = 1e-6  # rad
+VELOCITY_STEP = 1e-5  # rad/s: error about (step^2 + 1e-16/step) on forces smooth in v
+POSITION_STEP = 1e-6  # rad
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ def muscle_moments(plant: MujocoPlant, *, damping: bool = True) -> MuscleMoments
         B=(moment_arms(plant) * gain[:, None]).T,
         p=d.qfrc_actuator.copy(),
         gain=gain,
-        bias=passive + fiber_damping(plant) if damping else passive,
+        bias=passive + fiber_damping(plant.model, plant.mj_data) if damping else passive,
     )
 
 
@@ -98,59 +101,78 @@ def net_moment_for(plant: MujocoPlant, qacc: NDArray[np.float64]) -> NDArray[np.
     """
     moments = muscle_moments(plant, damping=False)
     R = moment_arms(plant)
-    damping = fiber_damping(plant)
+    damping = fiber_damping(plant.model, plant.mj_data)
     others = moments.p - R.T @ moments.bias
     return required_moment(plant, qacc, others) + plant.external_load() + R.T @ damping
 
 
-def damping_and_stiffness(plant: MujocoPlant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """D = -dF/dv and K = -dF/dq (nv, nv) of all smooth generalized forces, at fixed activation.
+def damping_matrix(plant: MujocoPlant) -> NDArray[np.float64]:
+    """D = -dF/dv (nv, nv) of all smooth generalized forces at fixed activation, at the plant's last `forward`.
 
-    F = qfrc_passive + qfrc_actuator - qfrc_bias, by forward differences at the plant's state. Leaves the plant's
-    derived quantities stale; its state is unchanged.
+    F = qfrc_passive + qfrc_actuator - qfrc_bias, by forward differences. Leaves the plant's derived quantities stale;
+    its state is unchanged.
     """
     m, d = plant.mj_model, plant.mj_data
-    nv = m.nv
-    qpos, qvel = d.qpos.copy(), d.qvel.copy()
-    D, K = np.empty((nv, nv)), np.empty((nv, nv))
-    base = _smooth_force(plant, position=True)
-    for j in range(nv):
-        d.qvel[j] += _VELOCITY_STEP
-        D[:, j] = (base - _smooth_force(plant, position=False)) / _VELOCITY_STEP
-        d.qvel[j] = qvel[j]
-    for j in range(nv):
-        d.qpos[j] += _POSITION_STEP
-        K[:, j] = (base - _smooth_force(plant, position=True)) / _POSITION_STEP
-        d.qpos[j] = qpos[j]
-    return D, K
+    held, base = d.qvel.copy(), smooth_force(d)
+    D = np.empty((m.nv, m.nv))
+    for j in range(m.nv):
+        d.qvel[j] += VELOCITY_STEP
+        mujoco.mj_fwdVelocity(m, d)
+        mujoco.mj_fwdActuation(m, d)
+        D[:, j] = (base - smooth_force(d)) / VELOCITY_STEP
+        d.qvel[j] = held[j]
+    return D
 
 
-def _smooth_force(plant: MujocoPlant, *, position: bool) -> NDArray[np.float64]:
+def stiffness_matrix(plant: MujocoPlant) -> NDArray[np.float64]:
+    """K = -dF/dq (nv, nv) likewise; the plant needs no `forward` before."""
     m, d = plant.mj_model, plant.mj_data
-    if position:
+    held = d.qpos.copy()
+    K = np.empty((m.nv, m.nv))
+    base = np.empty(m.nv)
+    for j in range(-1, m.nv):
+        if j >= 0:
+            d.qpos[j] += POSITION_STEP
         mujoco.mj_fwdPosition(m, d)
-    mujoco.mj_fwdVelocity(m, d)
-    mujoco.mj_fwdActuation(m, d)
-    return np.asarray(d.qfrc_passive + d.qfrc_actuator - d.qfrc_bias)
+        mujoco.mj_fwdVelocity(m, d)
+        mujoco.mj_fwdActuation(m, d)
+        if j < 0:
+            base = smooth_force(d)
+        else:
+            K[:, j] = (base - smooth_force(d)) / POSITION_STEP
+            d.qpos[j] = held[j]
+    return K
 
 
-def fiber_damping(plant: MujocoPlant) -> NDArray[np.float64]:
-    """(n_muscle,) N, pulling positive: the damping of each muscle's tendon and actuator at the plant's state.
+def smooth_force(data: Any) -> NDArray[np.float64]:
+    """(..., nv) N m or N: what acts on the joints but for constraints, reserves and loads from outside.
+
+    Args:
+        data: MuJoCo's derived quantities, of one simulation (`MjData`) or of several.
+    """
+    return np.asarray(data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias)
+
+
+def fiber_damping(model: MuscleModel, data: Any) -> NDArray[np.float64]:
+    """(..., n_muscle) N, pulling positive: the damping of each muscle's tendon and actuator.
 
     Damping of the fiber is hosted as damping of the path, so MuJoCo counts it among the passive forces; it is muscle
     force (Millard 2013, doi 10.1115/1.4023390). Force = v (d + p0 |v| + p1 v^2), v the lengthening velocity. A tendon
     that several muscles share stays passive: no muscle owns its damping.
+
+    Args:
+        model: the model.
+        data: as `smooth_force`, with actuator_velocity and ten_velocity.
     """
-    m, d, ids = plant.mj_model, plant.mj_data, plant.model.muscle_ids
-    rows = m.actuator_outadr[ids]
-    v = d.actuator_velocity[rows]
+    m, ids = model.mj_model, model.muscle_ids
+    v = data.actuator_velocity[..., m.actuator_outadr[ids]]
     force = _polynomial(v, m.actuator_damping[ids], m.actuator_dampingpoly[ids])
-    tendon = plant.model.own_tendons
+    tendon = model.own_tendons
     owns = tendon >= 0
     t = tendon[owns]
     # an actuator's length is gear times its tendon's
     gear = m.actuator_gear[ids[owns], 0]
-    force[owns] += _polynomial(d.ten_velocity[t], m.tendon_damping[t], m.tendon_dampingpoly[t]) / gear
+    force[..., owns] += _polynomial(data.ten_velocity[..., t], m.tendon_damping[t], m.tendon_dampingpoly[t]) / gear
     return force
 
 
@@ -160,7 +182,7 @@ def _polynomial(v: NDArray[np.float64], d: NDArray[np.float64], p: NDArray[np.fl
 
 @dataclass(frozen=True)
 class NodeForces:
-    """Forces at one node.
+    """Forces at one node, or at several: then with the nodes as first axis.
 
     Attributes:
         muscle_force: (n_muscle,) N along the path, pulling positive: active, passive and fiber damping.
@@ -168,28 +190,54 @@ class NodeForces:
         net_joint_moment: (nv,) N m, what muscles and reserves must give for qacc: M qacc + qfrc_bias -
             (qfrc_passive - R^T f_damping) - J^T f_constraint - other actuators - E, f_damping being the muscles' own
             (see `fiber_damping`), E the external load. Equals R^T F + reserve.
+        external_load: (nv,) N m or N, E.
     """
 
     muscle_force: NDArray[np.float64]
     muscle_moment: NDArray[np.float64]
     net_joint_moment: NDArray[np.float64]
+    external_load: NDArray[np.float64]
 
 
 def node_forces(plant: MujocoPlant) -> NodeForces:
     """Muscle forces and the moments at the joints, at the plant's last `forward`."""
-    m, d, model = plant.mj_model, plant.mj_data, plant.model
-    damping, R = fiber_damping(plant), moment_arms(plant)
-    muscle = -d.actuator_force[m.actuator_outadr[model.muscle_ids]]
-    inertial = np.empty(m.nv)
-    mujoco.mj_mulM(m, d, inertial, d.qacc)
-    others = d.qfrc_actuator - R.T @ muscle
-    passive = d.qfrc_passive - R.T @ damping
+    inertial = np.empty(plant.mj_model.nv)
+    mujoco.mj_mulM(plant.mj_model, plant.mj_data, inertial, plant.mj_data.qacc)
+    return forces_from(plant.model, plant.mj_data, moment_arms(plant), inertial, plant.external_load())
+
+
+def forces_from(
+    model: MuscleModel,
+    data: Any,
+    R: NDArray[np.float64],
+    inertial: NDArray[np.float64],
+    external_load: NDArray[np.float64],
+) -> NodeForces:
+    """As `node_forces`, from MuJoCo's derived quantities of one node or of several.
+
+    Args:
+        model: the model.
+        data: as `fiber_damping`, with actuator_force, qfrc_actuator, qfrc_bias, qfrc_passive and qfrc_constraint.
+        R: (..., n_muscle, nv) m, moment arms.
+        inertial: (..., nv) N m, M qacc.
+        external_load: (..., nv) N m, E.
+    """
+    damping = fiber_damping(model, data)
+    muscle = -data.actuator_force[..., model.mj_model.actuator_outadr[model.muscle_ids]]
+
+    def moment(force: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray((np.swapaxes(R, -1, -2) @ force[..., None])[..., 0])
+
+    others = data.qfrc_actuator - moment(muscle)
+    passive = data.qfrc_passive - moment(damping)
     force = muscle + damping
-    return NodeForces(
-        muscle_force=force * model.path_gear,
-        muscle_moment=R.T @ force,
-        net_joint_moment=inertial + d.qfrc_bias - passive - d.qfrc_constraint - others - plant.external_load(),
-    )
+    net = inertial + data.qfrc_bias - passive - data.qfrc_constraint - others - external_load
+    return NodeForces(force * model.path_gear, moment(force), net, external_load)
+
+
+def stacked(nodes: Sequence[NodeForces]) -> NodeForces:
+    """Those of several nodes as one, the nodes as first axis."""
+    return NodeForces(*(np.array([getattr(node, f.name) for node in nodes]) for f in fields(NodeForces)))
 
 
 def net_joint_moment(plant: MujocoPlant) -> NDArray[np.float64]:

@@ -102,15 +102,19 @@ class MujocoPlant:
         load: NDArray[np.float64] = self.external(np.array([self.mj_data.time]))[0]
         return load
 
-    def advance(self, excitation: NDArray[np.float64], reserve: NDArray[np.float64], n_step: int) -> None:
-        """Take n_step physics steps under constant excitation (n_muscle,) and reserve (nv,) N m."""
+    def advance(
+        self, excitation: NDArray[np.float64], reserve: NDArray[np.float64], n_step: int, times: float = 1.0
+    ) -> None:
+        """Take n_step steps of ``times`` physics_dt under constant excitation (n_muscle,) and reserve (nv,) N m."""
         self.set_input(excitation, reserve)
+        step = self.mj_model.opt.timestep = times * self.physics_dt
         if self.external is None:
             mujoco.mj_step(self.mj_model, self.mj_data, nstep=n_step)
-            return
-        for load in self.external(self.mj_data.time + self.physics_dt * (np.arange(n_step) + 0.5)):
-            self.mj_data.qfrc_applied[:] = self._reserve + load
-            mujoco.mj_step(self.mj_model, self.mj_data)
+        else:
+            for load in self.external(self.mj_data.time + step * (np.arange(n_step) + 0.5)):
+                self.mj_data.qfrc_applied[:] = self._reserve + load
+                mujoco.mj_step(self.mj_model, self.mj_data)
+        self.mj_model.opt.timestep = self.physics_dt
 
     def forward(self) -> NDArray[np.float64]:
         """Bring all derived quantities up to date with the state; returns qacc (nv,), a view."""

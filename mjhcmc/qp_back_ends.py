@@ -20,7 +20,7 @@ _PROVEN = 1e-7  # optimality residual: activations are then right to 1e-6
 
 # Of those that agree with ours on recorded problems: tolerances that they can meet, where the defaults are coarser.
 _OPTIONS: dict[str, dict[str, Any]] = {
-    "daqp": {},
+    "daqp": {"primal_tol": 1e-10},
     "quadprog": {},
     "pyqpmad": {},
     "highs": {  # the regularization of its Hessian is an error of the answer
@@ -132,23 +132,8 @@ def solve_with(problem: AllocationProblem, solver: str) -> Allocation:
 
 
 def _solve(problem: AllocationProblem, solver: str) -> Allocation:
-    import qpsolvers
-
-    best, least, unit = None, np.inf, _UNITS.get(solver, 1.0)
-    for program in _programs(problem, unit, sparse=solver not in qpsolvers.dense_solvers):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of the back ends about their own future
-            try:
-                x = qpsolvers.solve_problem(program, solver=solver, **_OPTIONS.get(solver, {})).x
-            except (qpsolvers.QPError, ArithmeticError, ValueError):  # the last two come from cvxopt
-                continue
-            except Exception as error:  # a back end's own: no licence, options that its version does not know
-                told = " ".join(f"{type(error).__name__}: {error}".split())
-                raise SimulationError(f"QP solver {solver!r} failed ({told}): use solver {NEWTON!r}") from error
-        if x is None or not np.isfinite(x).all():
-            continue
-        # whatever the back end thinks of it, the optimality conditions decide
-        found = with_multiplier(problem, np.clip(unit * x[: problem.B.shape[1]], problem.lb, problem.ub))
+    best, least = None, np.inf
+    for found in answers(problem, solver):
         residual = problem.optimality_residual(found)
         if residual <= _PROVEN:
             return found
@@ -162,14 +147,37 @@ def _solve(problem: AllocationProblem, solver: str) -> Allocation:
     )
 
 
-def _programs(problem: AllocationProblem, unit: float, *, sparse: bool) -> Iterator[Any]:
-    """The problem in three forms: with the reserves as variables, rows scaled in two ways, and without them.
+def answers(problem: AllocationProblem, solver: str) -> Iterator[Allocation]:
+    """What an installed back end answers to the problem in one form after another; the optimality conditions decide.
 
-    Variables are in multiples of the unit.
+    Raises:
+        SimulationError: the back end fails in a way of its own, for example without a licence.
+    """
+    import qpsolvers
+
+    n, unit = len(problem.w), _UNITS.get(solver, 1.0)
+    for units, program in _programs(problem, unit, sparse=solver not in qpsolvers.dense_solvers):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the back ends about their own future
+            try:
+                x = qpsolvers.solve_problem(program, solver=solver, **_OPTIONS.get(solver, {})).x
+            except (qpsolvers.QPError, ArithmeticError, ValueError):  # the last two come from cvxopt
+                continue
+            except Exception as error:  # a back end's own: no licence, options that its version does not know
+                told = " ".join(f"{type(error).__name__}: {error}".split())
+                raise SimulationError(f"QP solver {solver!r} failed ({told}): use solver {NEWTON!r}") from error
+        if x is not None and np.isfinite(x).all():
+            yield with_multiplier(problem, np.clip((units * x)[:n], problem.lb, problem.ub))
+
+
+def _programs(problem: AllocationProblem, unit: float, *, sparse: bool) -> Iterator[tuple[Any, Any]]:
+    """The problem in four forms: with the reserves as variables, scaled in three ways, and without them.
+
+    Each with its units: activations and reserves are units times its variables.
 
     The first suits active-set methods and interior points that scale by themselves (clarabel); the second those that
     measure rows by an absolute tolerance (proxqp, piqp). The third is the worst conditioned, but any solver finds a
-    start for it.
+    start for it. The last, whose Hessian has entries of one size, is for weights far apart.
     """
     import qpsolvers
     from scipy.sparse import csc_matrix
@@ -178,14 +186,22 @@ def _programs(problem: AllocationProblem, unit: float, *, sparse: bool) -> Itera
     rows, target = problem.P @ problem.B, problem.P @ problem.Q
     root = np.sqrt(problem.eps)  # the reserves are scaled, so that the Hessian has entries of one size
     form = csc_matrix if sparse else np.asarray
-    H = np.diag(np.concatenate([problem.w, np.ones(nv)]))
+    diagonal = np.concatenate([problem.w, np.ones(nv)])
     q = np.concatenate([-problem.w * problem.a0, np.zeros(nv)])
     A = np.hstack([rows, root * np.eye(nv)])
-    lb = np.concatenate([problem.lb, np.full(nv, -np.inf)]) / unit
-    ub = np.concatenate([problem.ub, np.full(nv, np.inf)]) / unit
-    for scale in (1.0, 1.0 / root):
-        scaled = form(scale * unit * A)
-        yield qpsolvers.Problem(form(unit**2 * H), unit * q, A=scaled, b=scale * target, lb=lb, ub=ub)
+    lb = np.concatenate([problem.lb, np.full(nv, -np.inf)])
+    ub = np.concatenate([problem.ub, np.full(nv, np.inf)])
+
+    def with_reserves(units: Any, scale: float) -> tuple[Any, Any]:
+        H = form(np.diag(units**2 * diagonal))
+        return units, qpsolvers.Problem(
+            H, units * q, A=form(scale * A * units), b=scale * target, lb=lb / units, ub=ub / units
+        )
+
+    even, n = np.full(len(q), unit), len(problem.w)
+    yield with_reserves(even, 1.0)
+    yield with_reserves(even, 1.0 / root)
     H = np.diag(problem.w) + rows.T @ rows / problem.eps
-    q = -problem.w * problem.a0 - rows.T @ target / problem.eps
-    yield qpsolvers.Problem(form(unit**2 * H), unit * q, lb=problem.lb / unit, ub=problem.ub / unit)
+    reduced = -problem.w * problem.a0 - rows.T @ target / problem.eps
+    yield even[:n], qpsolvers.Problem(form(unit**2 * H), unit * reduced, lb=problem.lb / unit, ub=problem.ub / unit)
+    yield with_reserves(unit / np.sqrt(diagonal), 1.0)

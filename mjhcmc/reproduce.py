@@ -184,7 +184,7 @@ def reproduce(
                 warnings.simplefilter("ignore", MjhcmcWarning)
                 times[name] = _median_time(partial(method, model, motion, dt=dt, physics_dt=physics_dt))
     except SolveInterrupted as stop:
-        raise SolveInterrupted(solutions.get("hcmc", stop.solution)) from stop
+        raise SolveInterrupted([solutions.get("hcmc", stop.solution)]) from stop
     opensim = None if find_reference() is None else read_reference(model, movement)
     return Reproduction(movement, solutions, times, bare_step_time(solutions["hcmc"]), opensim)
 

@@ -18,7 +18,8 @@ sum_i k_i sigma (a_i - a_before,i)^2 (for `cubic` 3/2 of it, for `volume` with k
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ COSTS = ("effort", "cubic", "volume", "stress", "capacity")
 
 Array = NDArray[np.float64]
 
+_BY_MUSCLE = ("weights", "min_activation", "disabled", "strength")
 _CUBIC_CONVEXITY = 1e-8  # quadratic part of the cubic cost: keeps it strictly convex at 0, moves a by 5e-9
 _LEAST_SHARE = 1e-4  # a muscle without gain still costs this much of its weight
 _LEAST_CAPACITY = 0.1
@@ -45,6 +47,8 @@ _MOST_SPREAD = 1e6  # of the weights: beyond, rounding decides
 @dataclass(frozen=True, eq=False)
 class Sharing:
     """A cost, bounds and a solver, checked against a model; build it with `share`.
+
+    Arrays are (n_muscle,), or (b, n_muscle) for simulations that go together, see `together`.
 
     Attributes:
         cost: one of `COSTS`.
@@ -67,6 +71,11 @@ class Sharing:
     solver: str
     options: dict[str, Any]
 
+    def of(self, which: int | NDArray[np.intp] | slice) -> Sharing:
+        """That of one simulation, or of some, where the arrays have one row a simulation (see `together`)."""
+        parts = {name: getattr(self, name)[which] for name in _BY_MUSCLE}
+        return replace(self, **parts)
+
     @property
     def counts_forces(self) -> bool:
         """Whether the cost is one of whole forces, so that it needs to know fiber damping."""
@@ -82,7 +91,7 @@ class Sharing:
 
     def excitation(self, excitation: Array) -> Array:
         """The excitation (n_muscle,) with the disabled muscles switched off."""
-        return np.where(self.disabled, 0.0, excitation)
+        return np.where(self.disabled, 0.0, excitation) if self.options["disabled"] else excitation
 
     def problem(
         self, moments: MuscleMoments, Q: Array, low: Array, high: Array, inertia: Array, before: Array | None
@@ -97,16 +106,26 @@ class Sharing:
             inertia: (nv, nv) kg m^2, by which reserves are priced, see `allocation.build_problem`.
             before: (n_muscle,) activation that smoothness holds on to; None: none yet.
         """
-        w, a0, c = self.weigh(moments, before)
+        w, a0, c = self.weigh(moments.gain, moments.bias, before)
         return build_problem(moments.B, Q, *self.bounds(low, high), inertia=inertia, w=w, a0=a0, c=c)
 
-    def weigh(self, moments: MuscleMoments, before: Array | None) -> tuple[Array, Array, Array | None]:
-        """The cost at a state as w, a0, c (n_muscle,) of `allocation`; c None where it is quadratic."""
+    @cached_property
+    def _nothing(self) -> Array:
+        return np.zeros_like(self.weights)
+
+    def weigh(self, gain: Array, bias: Array, before: Array | None) -> tuple[Array, Array, Array | None]:
+        """The cost at a state as w, a0, c (n_muscle,) of `allocation`; c None where it is quadratic.
+
+        Args:
+            gain: (n_muscle,) N, see `dynamics.MuscleMoments`.
+            bias: (n_muscle,) N.
+            before: (n_muscle,) activation that smoothness holds on to; None: none yet.
+        """
         k, cubic = self.weights, None
-        w, a0 = k, np.zeros_like(k)
+        w, a0 = k, self._nothing
         if self.counts_forces:
-            full = self.strength if self.cost == "stress" else _capacity(moments.gain, self.strength)
-            gain, bias = np.abs(moments.gain) / full, moments.bias / full  # a gain that pushes counts by its size
+            full = self.strength if self.cost == "stress" else _capacity(gain, self.strength)
+            gain, bias = np.abs(gain) / full, bias / full  # a gain that pushes counts by its size
             share = np.maximum(gain**2, _LEAST_SHARE)
             w, a0 = k * share, -bias * gain / share
         elif self.cost == "cubic":
@@ -120,6 +139,12 @@ class Sharing:
         return allocate(problem, self.solver)
 
 
+def together(sharings: Sequence[Sharing]) -> Sharing:
+    """Those of several simulations, alike but for numbers, as one with a row a simulation."""
+    parts: dict[str, Any] = {name: np.stack([getattr(s, name) for s in sharings]) for name in _BY_MUSCLE}
+    return replace(sharings[0], **parts)
+
+
 def _capacity(gain: Array, strength: Array) -> Array:
     """(n_muscle,) N, what each muscle can give actively, but at least a tenth of F0 (unknown: of the largest gain).
 
@@ -128,7 +153,7 @@ def _capacity(gain: Array, strength: Array) -> Array:
     """
     size = np.abs(gain)  # a gain that pushes is a capacity, too
     known = np.isfinite(strength) & (strength > 0)
-    full = np.maximum(size, _LEAST_CAPACITY * np.where(known, strength, size.max()))
+    full = np.maximum(size, _LEAST_CAPACITY * np.where(known, strength, size.max(axis=-1, keepdims=True)))
     return np.where(full > 0, full, 1.0)
 
 

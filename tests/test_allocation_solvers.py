@@ -43,7 +43,7 @@ def record(method, *args, **kwargs):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sharing, "allocate", recording)
-        patch.setattr(correction, "_share", lambda *_: False)  # the compiled way allocates unseen
+        patch.setattr(correction, "NEWTON", None)  # the compiled way allocates unseen
         return method(*args, **kwargs), problems
 
 
@@ -104,6 +104,14 @@ def test_the_proof_tells_a_wrong_answer(seed, feasible):
         wrong = right.copy()
         wrong[i] += room[i]
         assert problem.optimality_residual(with_multiplier(problem, wrong)) > 1e-6
+
+
+@pytest.mark.parametrize("name", ["activation", "reserve", "multiplier"])
+def test_the_proof_tells_what_is_not_finite(name):
+    problem = random_problem(0, feasible=True)
+    found = allocate(problem)
+    damaged = replace(found, **{name: np.full_like(getattr(found, name), np.nan)})
+    assert problem.optimality_residual(damaged) == np.inf
 
 
 class Stalls:

@@ -91,11 +91,11 @@ def test_fiber_damping_is_muscle_force(two_joints):
     plant.forward()
     d = plant.mj_data
     velocity = d.ten_velocity.copy()
-    np.testing.assert_allclose(dynamics.fiber_damping(plant), np.array([2.0, 1.0]) * velocity)
+    np.testing.assert_allclose(dynamics.fiber_damping(plant.model, plant.mj_data), np.array([2.0, 1.0]) * velocity)
     R = dynamics.moment_arms(plant)
-    np.testing.assert_allclose(R.T @ dynamics.fiber_damping(plant), d.qfrc_passive)
+    np.testing.assert_allclose(R.T @ dynamics.fiber_damping(plant.model, plant.mj_data), d.qfrc_passive)
     np.testing.assert_allclose(
-        dynamics.node_forces(plant).muscle_force, dynamics.fiber_damping(plant) - d.actuator_force
+        dynamics.node_forces(plant).muscle_force, dynamics.fiber_damping(plant.model, plant.mj_data) - d.actuator_force
     )
 
 
@@ -120,7 +120,7 @@ def test_damping_of_a_shared_tendon_is_no_muscles():
     plant.set_state(State(0.0, np.array([0.3, 0.4]), np.array([2.0, -3.0]), np.zeros(3), np.zeros(2)))
     plant.forward()
     velocity = plant.mj_data.ten_velocity
-    np.testing.assert_allclose(dynamics.fiber_damping(plant), [0.0, velocity[1], 0.0])
+    np.testing.assert_allclose(dynamics.fiber_damping(plant.model, plant.mj_data), [0.0, velocity[1], 0.0])
 
 
 def test_damping_and_stiffness_in_closed_form():
@@ -133,6 +133,7 @@ def test_damping_and_stiffness_in_closed_form():
         <actuator><general name="m" joint="j" dyntype="muscle" gaintype="fixed" gainprm="0"/></actuator></mujoco>""")
     plant = MujocoPlant(model)
     plant.set_state(State(0.0, np.array([0.4]), np.array([1.5]), np.zeros(1), np.zeros(1)))
-    D, K = dynamics.damping_and_stiffness(plant)
+    plant.forward()
+    D, K = dynamics.damping_matrix(plant), dynamics.stiffness_matrix(plant)
     np.testing.assert_allclose(D, [[0.7]], rtol=1e-6)
     np.testing.assert_allclose(K, [[3 + 2 * 9.81 * 0.5 * np.cos(0.4)]], rtol=1e-5)

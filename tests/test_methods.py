@@ -9,7 +9,7 @@ import mjhcmc
 from mjhcmc.methods import METHODS, find_method
 
 OWN = {
-    "hcmc": {"trials", "gain", "authority"},
+    "hcmc": {"trials", "tolerance", "gain", "authority"},
     "cmc": {"look_ahead", "kp", "kv"},
     "static": set(),
 }

@@ -27,12 +27,12 @@ from numpy.typing import ArrayLike, NDArray
 from mjhcmc import dynamics
 from mjhcmc.errors import MjhcmcWarning, SettingsError
 from mjhcmc.joint_moments import JointMoments
-from mjhcmc.methods.run import Inputs, Progress, rate_at, reserve_price, run, static_start
+from mjhcmc.methods.run import Driver, Inputs, Progress, Separately, Team, rate_at, reserve_price, run, static_start
 from mjhcmc.methods.windows import Windows, check_flag, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
 from mjhcmc.plant import MujocoPlant, State
-from mjhcmc.sharing import Sharing, share
+from mjhcmc.sharing import Sharing
 from mjhcmc.solution import Solution
 
 _FEASIBLE = 1e-6  # of the acceleration that all muscles together can give: the fast target is met
@@ -100,11 +100,12 @@ def cmc(
         SolveInterrupted: as `hcmc`.
     """
     windows = prepare(
-        model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant
-    )
-    sharing = share(model, cost, weights, smoothness, min_activation, disabled, solver)
-    method = _Cmc(sharing, reserves, _steps_ahead(look_ahead, windows), *_gains(kp, kv, windows.dt))
-    return run(method, windows, progress, own_plant=plant is not None)
+        model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
+        cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
+        solver=solver,
+    )  # fmt: skip
+    method = _Cmc(reserves, _steps_ahead(look_ahead, windows), *_gains(kp, kv, windows.dt))
+    return run(method, windows, progress)
 
 
 def _gains(kp: float | None, kv: float | None, dt: float) -> tuple[float, float]:
@@ -152,7 +153,6 @@ def _is_number(value: object) -> bool:
 class _Cmc:
     """The method with its settings; see `cmc`."""
 
-    sharing: Sharing
     reserves: bool
     look_ahead: float
     kp: float
@@ -164,14 +164,18 @@ class _Cmc:
     def settings(self) -> dict[str, Any]:
         """See `run.Method`."""
         own = {"reserves": self.reserves, "look_ahead": self.look_ahead, "kp": self.kp, "kv": self.kv}
-        return {"method": "cmc", **self.sharing.options, **own}
+        return {"method": "cmc", **own}
 
     def start(self, windows: Windows) -> tuple[State, Inputs]:
         """See `run.Method`."""
-        return static_start(windows, self.sharing, reserves=self.reserves)
+        return static_start(windows, reserves=self.reserves)
 
-    def window(self, windows: Windows, k: int, state: State, before: Inputs) -> Inputs:
+    def drive(self, team: Team) -> Driver:
         """See `run.Method`."""
+        return Separately(team, self._window)
+
+    def _window(self, windows: Windows, k: int, state: State, before: Inputs) -> Inputs:
+        """The inputs of window k, which begins in a state, after those of the window before."""
         plant, reference = windows.plant, windows.reference
         n_step = round(self.look_ahead / plant.physics_dt)
         ahead = windows.reference_at(reference.time[k] + n_step * plant.physics_dt)
@@ -184,11 +188,13 @@ class _Cmc:
         plant.set_state(expected)
         plant.set_input(None, np.zeros(windows.model.nv))
         plant.forward()
-        moments = dynamics.muscle_moments(plant, damping=self.sharing.counts_forces)
+        moments = dynamics.muscle_moments(plant, damping=windows.sharing.counts_forces)
         Q = dynamics.required_moment(plant, qacc, moments.p)
-        activation, lacking = self._targets(moments, Q, (lb, ub), dynamics.mass_matrix(plant), before=state.activation)
+        activation, lacking = self._targets(
+            windows.sharing, moments, Q, (lb, ub), dynamics.mass_matrix(plant), before=state.activation
+        )
         return Inputs(
-            excitation=self.sharing.excitation(plant.excitation_reaching(state.activation, activation, n_step)),
+            excitation=windows.sharing.excitation(plant.excitation_reaching(state.activation, activation, n_step)),
             reserve=lacking if self.reserves else np.zeros_like(lacking),
             shortfall=lacking,
             fastest_rate=rate,
@@ -196,6 +202,7 @@ class _Cmc:
 
     def _targets(
         self,
+        sharing: Sharing,
         moments: dynamics.MuscleMoments,
         Q: NDArray[np.float64],
         bounds: tuple[NDArray[np.float64], NDArray[np.float64]],
@@ -203,12 +210,12 @@ class _Cmc:
         before: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Activation (n_muscle,) and what it leaves of Q (nv,) N m: by the fast target, else by the slow one."""
-        problem = self.sharing.problem(moments, Q, *bounds, reserve_price(M, reserves=self.reserves), before)
-        found = self.sharing.allocate(problem)
+        problem = sharing.problem(moments, Q, *bounds, reserve_price(M, reserves=self.reserves), before)
+        found = sharing.allocate(problem)
         if not self.reserves and np.abs(problem.P @ found.reserve).max(initial=0.0) > _FEASIBLE:
             inverse: NDArray[np.float64] = np.asarray(np.linalg.inv(M))
             size = float(np.abs(inverse @ moments.B).sum(axis=1).max(initial=1.0))
-            eps = _SLOW_COST / (size**2 * float(self.sharing.weights.mean()))  # of weights only ratios matter
+            eps = _SLOW_COST / (size**2 * float(sharing.weights.mean()))  # of weights only ratios matter
             slow = replace(problem, P=inverse / size, eps=eps)
-            found = self.sharing.allocate(slow)
+            found = sharing.allocate(slow)
         return found.activation, found.reserve

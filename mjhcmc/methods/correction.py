@@ -1,20 +1,23 @@
 """The correction that a trial window calls for: one Newton step on the acceleration at the window's end.
 
 See `hcmc` for the equations. Compiled where our own solver finds the allocations; other solvers, cubic costs, and
-windows with large reserves, whose optimum needs care, go step by step.
+windows with large reserves, whose optimum needs care, go step by step. One or many simulations, by the same code.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from mjhcmc.activation import advance_one, excitation_for, invert_one
 from mjhcmc.allocation import ELASTICITY
 from mjhcmc.allocation_kernels import newton
+from mjhcmc.chunks import in_chunks
 from mjhcmc.dynamics import MuscleMoments
+from mjhcmc.errors import SimulationError
 from mjhcmc.methods.run import reserve_price
 from mjhcmc.qp_back_ends import NEWTON
 from mjhcmc.sensitivity import fill_build_up, fill_response
@@ -25,31 +28,32 @@ _MOST_REFINEMENTS = 4
 _REFINED = 1e-2  # of what a trial misses: the next trial, or the window itself, shows the rest
 _LARGE_RESERVE = 1e-6  # of the muscles' strength, as in `allocation`
 _NO_STRENGTH = 1e-9
+_CLOSE = 1e-15  # of activation: as near as rounding lets an excitation lead to it
+_NEAR = 1e-9  # near enough for a trial, whose end tells what it led to
+_SETTLED, _OPEN = 1, 0
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Trial:
-    """What a trial window found at its end, and what it began with.
+class Trial(NamedTuple):
+    """What the trial windows of b simulations found at their ends, and what they began with.
 
     Attributes:
-        start_activation: (n_muscle,) at the window's start.
-        excitation: (n_muscle,) of the trial.
-        reserve: (nv,) N m, of the trial.
-        activation: (n_muscle,) at the end.
-        missing: (nv,) rad/s^2, r of `hcmc`.
-        moments: of the muscles at the end.
-        M: (nv, nv) kg m^2.
-        D: (nv, nv) N m s.
-        K: (nv, nv) N m.
-        kp: (nv,) 1/s^2.
-        kv: (nv,) 1/s.
-        lb: (n_muscle,) lowest activation that can be reached.
-        ub: (n_muscle,) highest.
-        parameters: (n_muscle, 3) of activation dynamics.
-        step: s, physics step.
-        n_step: physics steps in the window.
+        start_activation: (b, n_muscle) at the window's start.
+        excitation: (b, n_muscle) of the trial.
+        reserve: (b, nv) N m, of the trial.
+        activation: (b, n_muscle) at the end.
+        missing: (b, nv) rad/s^2, r of `hcmc`.
+        M: (b, nv, nv) kg m^2.
+        B: (b, nv, n_muscle) N m, joint moments at full activation.
+        gain: (b, n_muscle) N, see `dynamics.MuscleMoments`.
+        bias: (b, n_muscle) N.
+        D: (b, nv, nv) N m s.
+        K: (b, nv, nv) N m.
+        kp: (b, nv) 1/s^2.
+        kv: (b, nv) 1/s.
+        step: s, physics step of the trial.
+        n_step: its physics steps; 0: no trial, the end is where the window should end but for the activation.
     """
 
     start_activation: Array
@@ -57,67 +61,191 @@ class Trial:
     reserve: Array
     activation: Array
     missing: Array
-    moments: MuscleMoments
     M: Array
+    B: Array
+    gain: Array
+    bias: Array
     D: Array
     K: Array
     kp: Array
     kv: Array
-    lb: Array
-    ub: Array
-    parameters: Array
     step: float
     n_step: int
 
 
-def correct(trial: Trial, sharing: Sharing, *, reserves: bool) -> tuple[Array, Array]:
-    """Activation (n_muscle,) to aim at, and the moment (nv,) N m that the muscles leave to reserves.
+class Reach(NamedTuple):
+    """How excitations become activations, in b simulations.
 
-    Raises:
-        SimulationError: the allocation holds a value that is not finite, or a solver found no optimum.
+    Attributes:
+        parameters: (b, n_muscle, 3) of activation dynamics.
+        excitation_range: (b, n_muscle, 2).
+        step: s, physics step.
+        n_step: physics steps in a window.
     """
-    nv, n = trial.moments.B.shape
-    answers, wanted, Q = np.empty((nv, n + nv)), np.empty(nv), np.empty(nv)
-    _linearize(
-        trial.start_activation, trial.excitation, trial.reserve, trial.activation, trial.missing, trial.moments.B,
-        trial.M, trial.D, trial.K, trial.kp, trial.kv, trial.parameters, trial.step, trial.n_step, answers, wanted, Q,
-    )  # fmt: skip
-    w, a0, c = sharing.weigh(trial.moments, trial.start_activation)
-    low, high = sharing.bounds(trial.lb, trial.ub)
-    if sharing.solver == NEWTON and c is None:
-        activation, shortfall = np.empty(n), np.empty(nv)
-        eps = ELASTICITY / float(w.mean())
-        settled = _share(
-            answers, wanted, Q.copy(), trial.activation, trial.reserve, trial.moments.B, trial.M, reserves, low, high,
-            w, a0, eps, activation, shortfall,
+
+    parameters: Array
+    excitation_range: Array
+    step: float
+    n_step: int
+
+    def of(self, which: NDArray[np.intp]) -> Reach:
+        """That of some of the simulations."""
+        return Reach(self.parameters[which], self.excitation_range[which], self.step, self.n_step)
+
+
+class Correction(NamedTuple):
+    """What to drive the window with.
+
+    Attributes:
+        excitation: (b, n_muscle).
+        shortfall: (b, nv) N m, the moment that the muscles leave to reserves.
+        errors: by simulation of the call, those whose allocation holds a value that is not finite, or has no optimum.
+        fastest_rate: (b,) 1/s, a bound on the decay rate of the velocities at the trial's end.
+    """
+
+    excitation: Array
+    shortfall: Array
+    errors: dict[int, SimulationError]
+    fastest_rate: Array
+
+
+def correct(
+    trial: Trial, reach: Reach, sharing: Sharing, price: Array, *, reserves: bool, threads: int = 1
+) -> Correction:
+    """The Newton step of each trial.
+
+    Args:
+        trial: what was found.
+        reach: of the window itself.
+        sharing: of the same b simulations.
+        price: (b, nv) multipliers to start the allocations from; they become those found.
+        reserves: whether what the muscles leave is given by reserves.
+        threads: to compute on.
+    """
+    b, nv, n = trial.B.shape
+    answers, wanted, Q = np.empty((b, nv, n + nv)), np.empty((b, nv)), np.empty((b, nv))
+    low, high, activation, excitation = (np.empty((b, n)) for _ in range(4))
+    shortfall, rate, state = np.empty((b, nv)), np.empty(b), np.empty(b, dtype=np.int64)
+    w, a0, cubic = sharing.weigh(trial.gain, trial.bias, trial.start_activation)
+    ours = sharing.solver == NEWTON and cubic is None
+
+    def chunk(first: int, last: int) -> None:
+        _correct(
+            first, last, trial.start_activation, trial.excitation, trial.reserve, trial.activation, trial.missing,
+            trial.B, trial.M, trial.D, trial.K, trial.kp, trial.kv, trial.step, trial.n_step, reach.parameters,
+            reach.excitation_range, reach.step, reach.n_step, sharing.min_activation, sharing.disabled, w, a0,
+            ELASTICITY, reserves, ours, price, answers, wanted, Q, low, high, activation, excitation, shortfall, rate,
+            state,
         )  # fmt: skip
-        if settled:
-            return activation, shortfall
-    return _share_by(trial, sharing, answers, wanted, Q, reserves=reserves)
+
+    in_chunks(chunk, b, threads)
+    errors: dict[int, SimulationError] = {}
+    for i in [] if state.all() else np.flatnonzero(state != _SETTLED).tolist():
+        try:
+            goal, shortfall[i] = _share_by(
+                trial, i, sharing.of(i), answers[i], wanted[i], Q[i], low[i], high[i], reserves
+            )
+        except SimulationError as error:
+            errors[int(i)] = error
+            continue
+        parts = (reach.parameters[i], reach.step, reach.n_step, reach.excitation_range[i])
+        excitation[i] = excitation_for(trial.start_activation[i], goal, *parts)
+    return Correction(sharing.excitation(excitation), shortfall, errors, rate)
 
 
 def _share_by(
-    trial: Trial, sharing: Sharing, answers: Array, wanted: Array, Q: Array, *, reserves: bool
+    trial: Trial,
+    i: int,
+    sharing: Sharing,
+    answers: Array,
+    wanted: Array,
+    Q: Array,
+    low: Array,
+    high: Array,
+    reserves: bool,
 ) -> tuple[Array, Array]:
-    """As `_share`, by any solver and with proof."""
-    n = len(trial.activation)
+    """As `_share`, of one simulation by any solver and with proof."""
+    n = len(low)
     A, T = answers[:, :n], answers[:, n:]
     missing = wanted
-    price = reserve_price(trial.M, reserves=reserves)
+    price = reserve_price(trial.M[i], reserves=reserves)
+    moments = MuscleMoments(trial.B[i], np.empty(0), trial.gain[i], trial.bias[i])
     for _ in range(_MOST_REFINEMENTS):
         Q = Q + missing
-        problem = sharing.problem(trial.moments, Q, trial.lb, trial.ub, price, trial.start_activation)
-        found = sharing.allocate(problem)
-        missing = wanted - A @ (found.activation - trial.activation) - (found.reserve - T @ trial.reserve)
+        found = sharing.allocate(sharing.problem(moments, Q, low, high, price, trial.start_activation[i]))
+        missing = wanted - A @ (found.activation - trial.activation[i]) - (found.reserve - T @ trial.reserve[i])
         if np.abs(missing).max(initial=0.0) <= _REFINED * np.abs(wanted).max(initial=0.0):
             break
     return found.activation, np.asarray(np.linalg.solve(T, found.reserve))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _correct(  # type: ignore[no-untyped-def]
+    first, last, a_start, u, s, a_end, r, B, M, D, K, kp, kv, trial_step, trial_n, prm, limits, step, n_step, least,
+    off, w, a0, elasticity, reserves, ours, price, answers, wanted, Q, low, high, activation, excitation, shortfall,
+    rate, state,
+):  # fmt: skip
+    """Simulations first to last of `correct`."""
+    nv, n = B.shape[1:]
+    used, decay, moved = np.empty((nv, nv)), np.empty((nv, nv)), np.empty(nv)
+    for i in range(first, last):
+        _linearize(
+            a_start[i], u[i], s[i], a_end[i], r[i], B[i], M[i], D[i], K[i], kp[i], kv[i], prm[i], trial_step, trial_n,
+            answers[i], wanted[i], Q[i],
+        )  # fmt: skip
+        mean = 0.0
+        for m in range(n):
+            p = prm[i, m]
+            low[i, m] = advance_one(a_start[i, m], limits[i, m, 0], p[0], p[1], p[2], step, n_step)
+            high[i, m] = advance_one(a_start[i, m], limits[i, m, 1], p[0], p[1], p[2], step, n_step)
+            mean += w[i, m] / n
+        close = _NEAR if trial_n == 0 else _CLOSE
+        for j in range(nv):
+            for k in range(nv):
+                used[j, k], decay[j, k] = M[i, j, k], D[i, j, k]
+        solve_in_place(used, decay)
+        rate[i] = 0.0
+        for j in range(nv):
+            total = 0.0
+            for k in range(nv):
+                total += abs(decay[j, k])
+            rate[i] = max(rate[i], total)
+            moved[j] = Q[i, j]
+        state[i] = _OPEN
+        if not ours:
+            continue
+        lb, ub = np.empty(n), np.empty(n)
+        for m in range(n):
+            lb[m] = min(max(low[i, m], least[i, m]), high[i, m])
+            ub[m] = lb[m] if off[i, m] else high[i, m]
+        if not _share(
+            answers[i], wanted[i], moved, a_end[i], s[i], B[i], M[i], reserves, lb, ub, w[i], a0[i], elasticity / mean,
+            price[i], activation[i], shortfall[i],
+        ):  # fmt: skip
+            continue
+        state[i] = _SETTLED
+        for m in range(n):
+            p = prm[i, m]
+            excitation[i, m] = invert_one(
+                a_start[i, m], activation[i, m], limits[i, m, 0], limits[i, m, 1], low[i, m], high[i, m], p[0], p[1],
+                p[2], step, n_step, close,
+            )  # fmt: skip
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _linearize(a0, u, s, a, r, B, M, D, K, kp, kv, prm, step, n_step, answers, wanted, Q):  # type: ignore[no-untyped-def]
     """Fill answers = N [X Y] (nv, n + nv), wanted = N r and Q = B a + T s."""
     nv, n = B.shape
+    if n_step == 0:  # at a fixed state
+        for i in range(nv):
+            wanted[i], Q[i] = 0.0, s[i]
+            for j in range(nv):
+                wanted[i] += M[i, j] * r[j]
+                answers[i, n + j] = 1.0 if i == j else 0.0
+            for m in range(n):
+                answers[i, m] = B[i, m]
+                Q[i] += B[i, m] * a[m]
+        return
     h = step * n_step
     phi = np.empty((n_step + 1, n))
     fill_build_up(a0, u, prm, step, n_step, phi)
@@ -144,7 +272,7 @@ def _linearize(a0, u, s, a, r, B, M, D, K, kp, kv, prm, step, n_step, answers, w
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _share(answers, wanted, Q, a_end, s_end, B, M, reserves, lb, ub, w, a0, eps, activation, shortfall):  # type: ignore[no-untyped-def]
+def _share(answers, wanted, Q, a_end, s_end, B, M, reserves, lb, ub, w, a0, eps, price, activation, shortfall):  # type: ignore[no-untyped-def]
     """Move Q until A da + T ds = N r holds; False where the allocation is no routine one."""
     nv, n = B.shape
     P = np.zeros((nv, nv))
@@ -172,6 +300,7 @@ def _share(answers, wanted, Q, a_end, s_end, B, M, reserves, lb, ub, w, a0, eps,
     s, target, missing = np.empty(nv), np.empty(nv), np.empty(nv)
     for i in range(nv):
         missing[i] = wanted[i]
+    a = np.empty(n)
     for _ in range(_MOST_REFINEMENTS):
         for i in range(nv):
             Q[i] += missing[i]
@@ -181,7 +310,7 @@ def _share(answers, wanted, Q, a_end, s_end, B, M, reserves, lb, ub, w, a0, eps,
                 target[i] += P[i, j] * Q[j]
             if not abs(target[i]) < np.inf:
                 return False
-        a, _, iterations = newton(rows, target, lb, ub, w, a0, eps)
+        iterations = newton(rows, target, lb, ub, w, a0, eps, price, a)
         most, least = 0.0, 0.0
         for i in range(nv):
             s[i] = Q[i]

@@ -1,8 +1,14 @@
 """HCMC, hybrid computed muscle control: the excitations that make the muscle-driven model follow a motion.
 
 After Inai, Takabayashi, Edama and Kubo (2020), formulated at the END of the control window: activation is chosen so
-that the acceleration at the predicted end state takes its desired value. The prediction is a trial: the plant itself is
-stepped over the window, and a Newton step on the end acceleration corrects the activation.
+that the acceleration at the window's end takes its desired value. A window goes in three:
+
+1. *Expect.* Where the window should end follows from the desired motion and the feedback (see `_Driver._aim`). There M,
+   the muscles' moments and the slopes D, K of all forces are looked at, and activation is allocated for the acceleration
+   wanted there.
+2. *Try.* The plant itself is stepped over the window with that, about twice as coarsely, and a Newton step on the
+   acceleration at the end corrects the activation.
+3. *Step*, and look: where the end still misses the wanted acceleration by more than a tolerance, correct and step again.
 
 At the end (q, v, a) of a trial with excitation u and reserve s, with qacc its acceleration and h the window, what is
 missing is the acceleration
@@ -23,28 +29,39 @@ where some saturate it would spend the others on joints that they do not cross. 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjhcmc import dynamics
-from mjhcmc.errors import DivergedError, SettingsError
+from mjhcmc.checks import is_number
+from mjhcmc.errors import SettingsError
 from mjhcmc.joint_moments import JointMoments
-from mjhcmc.methods.correction import Trial, correct
-from mjhcmc.methods.run import Inputs, Progress, run, static_start
+from mjhcmc.lockstep import Linearization
+from mjhcmc.methods.correction import Reach, Trial, correct
+from mjhcmc.methods.record import diverged, padded
+from mjhcmc.methods.run import Driver, Inputs, Progress, Team, run, static_start
 from mjhcmc.methods.windows import Windows, check_flag, decay_rate, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
 from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State
-from mjhcmc.sharing import Sharing, share
+from mjhcmc.sharing import together
 from mjhcmc.small_linear import solve_in_place
 from mjhcmc.solution import Solution
 
 _LARGEST_GAIN = 3.0  # beyond, the sampled error rings or grows
+_STABLE = 2.0  # step times decay rate up to which a trial may step coarsely; Runge-Kutta's limit is 2.78
+_USUAL_DT = 0.01  # s
+_STIFFNESS_EVERY = 8  # windows
+_UNSEEN = 1e-9  # rad or m: a miss of the position that is not worth a second trial
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.intp]
+Index = NDArray[np.intp] | slice
 
 
 def hcmc(
@@ -65,6 +82,7 @@ def hcmc(
     solver: str = "newton",
     joint_moments: JointMoments | None = None,
     trials: int = 2,
+    tolerance: float = 0.1,
     gain: float = 2.7,
     authority: float = 0.15,
     plant: MujocoPlant | None = None,
@@ -90,7 +108,10 @@ def hcmc(
         solver: ``"newton"``, or for quadratic costs a qpsolvers back end.
         joint_moments: net joint moments to share among the muscles in place of those of inverse dynamics; what they
             imply to act from outside is applied to the plant (see `joint_moments`).
-        trials: trial windows for each control window.
+        trials: most corrections of a window, each after a trial of it.
+        tolerance: a window is kept when the acceleration at its end misses by less than this share of the desired
+            acceleration's rms, at every joint; 0: after ``trials`` corrections. Below 10 ms it goes with dt^2, as the
+            method's own error does.
         gain: feedback bandwidth times dt: errors are to vanish in about dt/gain. Beyond 3 excitations ring.
         authority: share of the muscles' acceleration that feedback may ask for.
         plant: what is stepped; the model in MuJoCo by default.
@@ -108,127 +129,298 @@ def hcmc(
         SolveInterrupted: a KeyboardInterrupt came; it carries what was solved.
     """
     windows = prepare(
-        model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant
-    )
-    sharing = share(model, cost, weights, smoothness, min_activation, disabled, solver)
-    method = _Hcmc(sharing, reserves, trials, gain, authority)
-    return run(method, windows, progress, own_plant=plant is not None)
+        model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
+        cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
+        solver=solver,
+    )  # fmt: skip
+    return run(Hcmc(reserves, trials, tolerance, gain, authority), windows, progress)
 
 
 @dataclass(frozen=True)
-class _Hcmc:
-    """The method with its settings; see `hcmc`."""
+class Hcmc:
+    """The method with its settings; see `hcmc`.
 
-    sharing: Sharing
+    Attributes:
+        reserves: see `hcmc`, as the rest.
+        trials: at least 1.
+        tolerance: 0 or positive.
+        gain: positive, at most 3.
+        authority: positive, at most 1.
+        threads: to compute on.
+    """
+
     reserves: bool
     trials: int
+    tolerance: float
     gain: float
     authority: float
+    threads: int = 1
 
     def __post_init__(self) -> None:
+        """Check the settings."""
         check_flag("reserves", self.reserves)
         if not isinstance(self.trials, (int, np.integer)) or self.trials < 1:
             raise SettingsError(f"trials must be at least 1; got {self.trials!r}")
+        if not (is_number(self.tolerance) and 0 <= self.tolerance < np.inf):
+            raise SettingsError(f"tolerance must be 0 or positive; got {self.tolerance!r}")
         for name, most in (("gain", _LARGEST_GAIN), ("authority", 1.0)):
             value = getattr(self, name)
-            if not (isinstance(value, (int, float, np.integer, np.floating)) and 0 < value <= most):
+            if not (is_number(value) and 0 < value <= most):
                 raise SettingsError(f"{name} must be positive and at most {most:g}; got {value!r}")
 
     def settings(self) -> dict[str, Any]:
         """See `run.Method`."""
-        own = {"reserves": self.reserves, "trials": self.trials, "gain": self.gain, "authority": self.authority}
-        return {"method": "hcmc", **self.sharing.options, **own}
+        names = ("reserves", "trials", "tolerance", "gain", "authority")
+        return {"method": "hcmc"} | {name: getattr(self, name) for name in names}
 
     def start(self, windows: Windows) -> tuple[State, Inputs]:
         """See `run.Method`."""
-        return static_start(windows, self.sharing, reserves=self.reserves)
+        return static_start(windows, reserves=self.reserves)
 
-    def window(self, windows: Windows, k: int, state: State, before: Inputs) -> Inputs:
-        """See `run.Method`: corrected by trial windows from the window before, see the module's docstring."""
-        plant, reference = windows.plant, windows.reference
-        prm = plant.model.activation_parameters
-        kp, kv = _feedback(windows, k, state, before.reserve, self)
-        lb, ub = plant.reachable(state.activation, windows.n_step)
-        for _ in range(self.trials):
-            plant.set_state(state)
-            plant.advance(before.excitation, before.reserve, windows.n_step)
-            end = plant.get_state()
-            qacc = plant.forward().copy()
-            moments = dynamics.muscle_moments(plant, damping=self.sharing.counts_forces)
-            M = dynamics.mass_matrix(plant)
-            D, K = dynamics.damping_and_stiffness(plant)
-            if not all(np.isfinite(part).all() for part in (qacc, end.activation, D, K)):
-                raise DivergedError(
-                    f"the simulation diverged in the window at {reference.time[k]:.4g} s: use physics_dt <= "
-                    f"{plant.physics_dt / 2:.2g}, or filter the motion"
-                )
-            v_error, q_error = reference.qvel[k + 1] - end.qvel, reference.qpos[k + 1] - end.qpos
-            r = reference.qacc[k + 1] + kv * v_error + kp * q_error - qacc
-
-            trial = Trial(
-                state.activation, before.excitation, before.reserve, end.activation, r, moments, M, D, K, kp, kv,
-                lb, ub, prm, plant.physics_dt, windows.n_step,
-            )  # fmt: skip
-            activation, shortfall = correct(trial, self.sharing, reserves=self.reserves)
-            before = Inputs(
-                excitation=self.sharing.excitation(
-                    plant.excitation_reaching(state.activation, activation, windows.n_step)
-                ),
-                reserve=shortfall if self.reserves else np.zeros_like(shortfall),
-                shortfall=shortfall,
-                fastest_rate=decay_rate(M, D, RK4_LIMIT / plant.physics_dt),
-            )
-        return before
+    def drive(self, team: Team) -> Driver:
+        """See `run.Method`."""
+        return _Driver(self, team)
 
 
-def _feedback(
-    windows: Windows, k: int, state: State, reserve: NDArray[np.float64], settings: _Hcmc
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gains kp (nv,) 1/s^2 and kv (nv,) 1/s of window k, from the error at its start.
+class _Here(NamedTuple):
+    """One window of b simulations.
 
-    As fast as gain/h and no faster than the joint can follow: kp = w^2, kv = 2 w,
-    w_j = min(gain/h, alpha_j/(|e'_j| + sqrt(e'_j^2 + alpha_j |e_j|))), so that w^2 |e| + 2 w |e'| <= alpha_j.
-    At w = gain/h, kv is 2 w (1 - gain/6): aiming at the end of the window damps by itself, and critical damping would
-    make the sampled error ring (largest root at gain 2.7: .44 against -.72; at 3: .5 against -.84).
-    alpha_j is a share of the smaller of the accelerations that full activation gives the joint either way. Where
-    reserves help it is at least the rms of q''_d, or a motion beyond the muscles would be fed forward and not fed
-    back. A joint that nothing limits keeps gain/h.
+    Attributes:
+        k: its number.
+        ids: (b,) the simulations.
+        at: their rows in arrays of the team.
+        rows: (b, n_row) their states at its start.
+        activation: (b, n_muscle) there.
+        kp: (b, nv) 1/s^2.
+        kv: (b, nv) 1/s.
+        around: their expected ends.
     """
-    plant, reference = windows.plant, windows.reference
-    plant.set_state(state)
-    plant.set_input(None, reserve)
-    plant.forward()
-    B = dynamics.muscle_moments(plant, damping=False).B
-    least = windows.rms_qacc if settings.reserves else np.zeros(windows.model.nv)
-    q_error, v_error = reference.qpos[k] - state.qpos, reference.qvel[k] - state.qvel
-    kp, kv = np.empty_like(least), np.empty_like(least)
-    _fill_gains(
-        dynamics.mass_matrix(plant), B, q_error, v_error, least, float(settings.authority), float(settings.gain),
-        windows.dt, kp, kv,
-    )  # fmt: skip
-    return kp, kv
+
+    k: int
+    ids: Ids
+    at: Index
+    rows: Array
+    activation: Array
+    kp: Array
+    kv: Array
+    around: Linearization
+
+    def some(self, which: NDArray[np.bool_]) -> _Here:
+        """The same for some of the simulations."""
+        ids = self.ids[which]
+        rows, activation, kp, kv = (part[which] for part in (self.rows, self.activation, self.kp, self.kv))
+        return _Here(self.k, ids, ids, rows, activation, kp, kv, self.around.of(which))
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _fill_gains(M, B, q_error, v_error, least, authority, gain, h, kp, kv):  # type: ignore[no-untyped-def]
-    used, reach = np.empty_like(M), np.empty(B.shape)
-    for j in range(B.shape[0]):
-        for i in range(B.shape[0]):
-            used[j, i] = M[j, i]
-        for i in range(B.shape[1]):
-            reach[j, i] = B[j, i]
-    solve_in_place(used, reach)
-    for j in range(least.size):
-        up, down = 0.0, 0.0
-        for i in range(B.shape[1]):
-            up += max(reach[j, i], 0.0)
-            down += max(-reach[j, i], 0.0)
-        alpha = max(authority * min(up, down), least[j])
-        e, e_rate = abs(q_error[j]), abs(v_error[j])
-        denominator = e_rate + np.sqrt(e_rate * e_rate + alpha * e)
-        w = gain / h
-        damped = 1.0 - gain / 6.0
-        if denominator > 0.0 and alpha > 0.0 and alpha / denominator < w:
-            w, damped = alpha / denominator, 1.0
-        kp[j] = w * w
-        kv[j] = 2.0 * w * damped
+class _Driver:
+    """Takes a team through its windows.
+
+    Carries from window to window, for each simulation: M and B at the last window's expected end, for the next one's
+    feedback; K, which is looked at only now and then, since answers to it are of order h^2; the acceleration at the
+    last end; the activation before it; and the multipliers of the last allocation, from which the next begins.
+    """
+
+    def __init__(self, settings: Hcmc, team: Team) -> None:
+        self._settings, self._team, self._layout = settings, team, team.plants.layout
+        windows = team.windows
+        b, n, nv = len(windows), windows[0].model.n_muscle, windows[0].model.nv
+        models = [w.model for w in windows]
+        self._sharing = together([w.sharing for w in windows])
+        self._reach = Reach(
+            np.stack([m.activation_parameters for m in models]), np.stack([m.excitation_range for m in models]),
+            team.physics_dt, team.n_step,
+        )  # fmt: skip
+        length = int(team.count.max()) + 1
+        self._qpos, self._qvel, self._qacc = (
+            np.stack([padded(getattr(w.reference, name), length) for w in windows], axis=1)
+            for name in ("qpos", "qvel", "qacc")
+        )
+        rms = np.stack([w.rms_qacc for w in windows])
+        self._least_authority = rms if settings.reserves else np.zeros_like(rms)
+        share = settings.tolerance * min(1.0, (team.dt / _USUAL_DT) ** 2)
+        self._missable = np.maximum(share * rms, 6 * _UNSEEN / team.dt**2 if share else 0.0)
+        self._M, self._B, self._K = np.empty((b, nv, nv)), np.empty((b, nv, n)), np.empty((b, nv, nv))
+        self._qacc_at, self._before, self._price = np.empty((b, nv)), np.empty((b, n)), np.zeros((b, nv))
+
+    def window(self, k: int, ids: Ids, rows: Array) -> Array:
+        """See `run.Driver` and the module's docstring."""
+        team, settings, plants = self._team, self._settings, self._team.plants
+        at, activation = self._which(ids), np.ascontiguousarray(rows[:, self._layout.activation])
+        if k == 0:
+            self._look_around(ids, at, rows)
+        kp, kv, goal, expected = self._aim(k, at, rows, activation)
+        around = plants.linearize(
+            ids, expected, team.reserve[at], stiffness=k % _STIFFNESS_EVERY == 0, damping=self._sharing.counts_forces
+        )
+        self._keep(at, around)
+        here = _Here(k, ids, at, rows, activation, kp, kv, around)
+        self._correct(here, expected, goal - around.qacc, team.dt, 0)
+        ends, step, n_step = self._trial(here)
+        qacc = plants.acceleration(ids, ends, team.reserve[at])
+        final: Array | None = None
+        whom: Index = slice(None)  # which of the call's simulations are corrected
+        for trial in range(settings.trials):
+            self._correct(here, ends, self._missing(here, ends, qacc), step, n_step)
+            ends = plants.step(here.ids, here.rows, team.excitation[here.at], team.reserve[here.at], team.n_step)
+            step, n_step = team.physics_dt, team.n_step
+            qacc = plants.acceleration(here.ids, ends, team.reserve[here.at])
+            self._qacc_at[here.at] = qacc
+            if final is None:
+                final = ends
+            else:
+                final[whom] = ends
+            if trial + 1 == settings.trials:
+                break
+            again = np.any(np.abs(self._missing(here, ends, qacc)) > self._missable[here.at], axis=1)
+            if not again.any():
+                break
+            if not again.all():
+                whom = np.flatnonzero(again) if isinstance(whom, slice) else whom[again]
+                here, ends, qacc = here.some(again), ends[again], qacc[again]
+        self._before[at] = activation
+        assert final is not None  # there is at least one trial
+        return final
+
+    def _which(self, ids: Ids) -> Index:
+        """The rows of the simulations in arrays of the team; all of them as a slice: quicker."""
+        return slice(None) if len(ids) == len(self._price) else ids
+
+    def _look_around(self, ids: Ids, at: Index, rows: Array) -> None:
+        """What the first window needs to know of its start."""
+        found = self._team.plants.linearize(ids, rows, self._team.reserve[at])
+        self._keep(at, found)
+        self._qacc_at[at], self._before[at] = found.qacc, rows[:, self._layout.activation]
+
+    def _keep(self, at: Index, found: Linearization) -> None:
+        self._M[at], self._B[at] = found.M, found.B
+        if found.K is not None:
+            self._K[at] = found.K
+
+    def _aim(self, k: int, at: Index, rows: Array, activation: Array) -> tuple[Array, Array, Array, Array]:
+        """Gains kp (b, nv) 1/s^2 and kv (b, nv) 1/s of window k; acceleration (b, nv) and rows that it should end in.
+
+        Acceleration goes along a line from what it is to what it should be, activation goes on as it did:
+
+            v^ = v + h/2 (alpha + alpha*),  q^ = q + h v + h^2/3 alpha + h^2/6 alpha*
+            alpha* = [q''_d + kv (v_d - v - h/2 alpha) + kp (q_d - q - h v - h^2/3 alpha)]/(1 + kv h/2 + kp h^2/6)
+
+        Gains are as high as gain/h and no higher than the joint can follow: kp = w^2, kv = 2 w,
+        w_j = min(gain/h, alpha_j/(|e'_j| + sqrt(e'_j^2 + alpha_j |e_j|))), so that w^2 |e| + 2 w |e'| <= alpha_j, from
+        the error at the window's start. At w = gain/h, kv is 2 w (1 - gain/6): aiming at the end of the window damps by
+        itself, and critical damping would make the sampled error ring (largest root at gain 2.7: .44 against -.72; at
+        3: .5 against -.84). alpha_j is a share of the smaller of the accelerations that full activation gives the joint
+        either way. Where reserves help it is at least the rms of q''_d, or a motion beyond the muscles would be fed
+        forward and not fed back. A joint that nothing limits keeps gain/h.
+        """
+        layout, settings, h = self._layout, self._settings, self._team.dt
+        qacc = self._qacc_at[at]
+        kp, kv, goal, expected = np.empty_like(qacc), np.empty_like(qacc), np.empty_like(qacc), rows.copy()
+        _fill_gains(
+            self._M[at], self._B[at], self._qpos[k, at], self._qvel[k, at], rows, layout.qpos.start, layout.qvel.start,
+            self._least_authority[at], float(settings.authority), float(settings.gain), h, kp, kv,
+        )  # fmt: skip
+        _fill_end(
+            self._qpos[k + 1, at], self._qvel[k + 1, at], self._qacc[k + 1, at], qacc, kp, kv, h, layout.qpos.start,
+            layout.qvel.start, goal, expected,
+        )  # fmt: skip
+        expected[:, layout.time] += h
+        expected[:, layout.activation] = np.clip(2 * activation - self._before[at], 0.0, 1.0)
+        return kp, kv, goal, expected
+
+    def _trial(self, here: _Here) -> tuple[Array, float, int]:
+        """The ends of a window with the inputs so far; and the physics step and steps that it took.
+
+        About twice the plant's step does where that is stable: what is corrected by it is checked by the window itself.
+        """
+        team, plants, ids, rows = self._team, self._team.plants, here.ids, here.rows
+        u, s = team.excitation[here.at], team.reserve[here.at]
+        n = (team.n_step + 1) // 2
+        times = team.n_step / n
+        stable = team.fastest_rate[here.at] * times * team.physics_dt <= _STABLE
+        if stable.all():
+            ends = plants.step(ids, rows, u, s, n, times)
+        else:
+            ends = np.full_like(rows, np.nan)
+            if stable.any():
+                ends[stable] = plants.step(ids[stable], rows[stable], u[stable], s[stable], n, times)
+        if not math.isfinite(ends.sum()):
+            failed = ~np.isfinite(ends).all(axis=1)
+            ends[failed] = plants.step(ids[failed], rows[failed], u[failed], s[failed], team.n_step)
+        return ends, team.dt / n, n
+
+    def _missing(self, here: _Here, ends: Array, qacc: Array) -> Array:
+        """(b, nv) rad/s^2, r of the module's docstring."""
+        layout, k, at = self._layout, here.k + 1, here.at
+        v_error, q_error = self._qvel[k, at] - ends[:, layout.qvel], self._qpos[k, at] - ends[:, layout.qpos]
+        r: Array = self._qacc[k, at] + here.kv * v_error + here.kp * q_error - qacc
+        return r
+
+    def _correct(self, here: _Here, ends: Array, missing: Array, step: float, n_step: int) -> None:
+        """Put corrected inputs into the team, after a trial of n_step steps; none: at the expected end."""
+        team, at, found = self._team, here.at, here.around
+        trial = Trial(
+            here.activation, team.excitation[at], team.reserve[at],
+            np.ascontiguousarray(ends[:, self._layout.activation]), missing, found.M, found.B, found.gain, found.bias,
+            found.D, self._K[at], here.kp, here.kv, step, n_step,
+        )  # fmt: skip
+        reach, sharing, price = self._reach, self._sharing, self._price[at]
+        if not isinstance(at, slice):
+            reach, sharing = reach.of(at), sharing.of(at)
+        correction = correct(
+            trial, reach, sharing, price, reserves=self._settings.reserves, threads=self._settings.threads
+        )
+        self._price[at] = price
+        for j, error in correction.errors.items():
+            i, finite = int(here.ids[j]), _finite(missing[j], found.B[j], found.D[j])
+            team.errors[i] = error if finite else diverged(team.windows[i], here.k)
+        team.excitation[at], team.shortfall[at] = correction.excitation, correction.shortfall
+        team.reserve[at] = correction.shortfall if self._settings.reserves else 0.0
+        rate = correction.fastest_rate
+        for j in np.flatnonzero(rate > RK4_LIMIT / team.physics_dt).tolist():
+            if _finite(found.M[j], found.D[j]):
+                rate[j] = decay_rate(found.M[j], found.D[j])
+        team.fastest_rate[at] = rate
+
+
+def _finite(*parts: Array) -> bool:
+    return all(bool(np.isfinite(part).all()) for part in parts)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _fill_gains(M, B, qpos, qvel, rows, q0, v0, least, authority, gain, h, kp, kv):  # type: ignore[no-untyped-def]
+    b, nv, n = B.shape
+    used, reach = np.empty((nv, nv)), np.empty((nv, n))
+    for s in range(b):
+        for j in range(nv):
+            for i in range(nv):
+                used[j, i] = M[s, j, i]
+            for i in range(n):
+                reach[j, i] = B[s, j, i]
+        solve_in_place(used, reach)
+        for j in range(nv):
+            up, down = 0.0, 0.0
+            for i in range(n):
+                up += max(reach[j, i], 0.0)
+                down += max(-reach[j, i], 0.0)
+            alpha = max(authority * min(up, down), least[s, j])
+            e, e_rate = abs(qpos[s, j] - rows[s, q0 + j]), abs(qvel[s, j] - rows[s, v0 + j])
+            denominator = e_rate + np.sqrt(e_rate * e_rate + alpha * e)
+            w = gain / h
+            damped = 1.0 - gain / 6.0
+            if denominator > 0.0 and alpha > 0.0 and alpha / denominator < w:
+                w, damped = alpha / denominator, 1.0
+            kp[s, j] = w * w
+            kv[s, j] = 2.0 * w * damped
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _fill_end(qpos, qvel, qacc, at_start, kp, kv, h, q0, v0, goal, rows):  # type: ignore[no-untyped-def]
+    for s in range(goal.shape[0]):
+        for j in range(goal.shape[1]):
+            q, v, a = rows[s, q0 + j], rows[s, v0 + j], at_start[s, j]
+            v_error = qvel[s, j] - v - h / 2 * a
+            q_error = qpos[s, j] - q - h * v - h * h / 3 * a
+            c = 1 + kv[s, j] * h / 2 + kp[s, j] * h * h / 6
+            goal[s, j] = (qacc[s, j] + kv[s, j] * v_error + kp[s, j] * q_error) / c
+            rows[s, v0 + j] = v + h / 2 * (a + goal[s, j])
+            rows[s, q0 + j] = q + h * v + h * h / 3 * a + h * h / 6 * goal[s, j]

@@ -1,11 +1,14 @@
-"""Running a method: window after window on the plant, with a record of what was done and of what came of it."""
+"""Running a method: window after window, with a record of what was done and of what came of it.
+
+One movement is a team of one: the same code drives many simulations in lock step (see `lockstep`).
+"""
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,13 +16,19 @@ from numpy.typing import NDArray
 
 from mjhcmc import dynamics
 from mjhcmc.errors import DivergedError, MjhcmcWarning, SimulationError
+from mjhcmc.lockstep import Lockstep, Plants
 from mjhcmc.log import get_logger
+from mjhcmc.methods.record import Record
 from mjhcmc.methods.windows import Windows, decay_rate
+from mjhcmc.one_by_one import OneByOne
 from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State
-from mjhcmc.sharing import Sharing
-from mjhcmc.solution import Solution, window_status
+from mjhcmc.solution import Solution
 
 _FINER_TRIES = 2  # a simulation that diverges is solved again with a quarter of the step, and a sixteenth
+_FINER = 4
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.intp]
 
 Progress = Callable[[int, int], None]
 """Called with (windows solved, windows in all)."""
@@ -28,16 +37,22 @@ _log = get_logger(__name__)
 
 
 class SolveInterrupted(KeyboardInterrupt):
-    """The solve was interrupted; `solution` holds what was solved, marked interrupted (None: nothing yet)."""
+    """The solve was interrupted.
 
-    def __init__(self, solution: Solution | None) -> None:
+    Attributes:
+        solutions: what was solved of each simulation, marked interrupted; None where there is nothing yet.
+        solution: that of the first.
+    """
+
+    def __init__(self, solutions: Sequence[Solution | None]) -> None:
         super().__init__("the solve was interrupted")
-        self.solution = solution
+        self.solutions = tuple(solutions)
+        self.solution = self.solutions[0]
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What one window is driven with.
+    """What one window of one simulation is driven with.
 
     Attributes:
         excitation: (n_muscle,).
@@ -46,91 +61,224 @@ class Inputs:
         fastest_rate: 1/s, decay rate of the velocities at one end of the window, or a bound on it that is harmless.
     """
 
-    excitation: NDArray[np.float64]
-    reserve: NDArray[np.float64]
-    shortfall: NDArray[np.float64]
+    excitation: Array
+    reserve: Array
+    shortfall: Array
     fastest_rate: float
 
 
+class Team:
+    """Simulations that go through their windows together: all of one dt, one physics step, models of one structure.
+
+    What a window is driven with stands in arrays with one row a simulation, as in `Inputs`; a method overwrites the
+    rows of the simulations that it is called for.
+
+    Args:
+        windows: one a simulation.
+        plants: what is stepped.
+    """
+
+    def __init__(self, windows: Sequence[Windows], plants: Plants) -> None:
+        self.windows, self.plants = tuple(windows), plants
+        first = windows[0]
+        self.dt, self.n_step, self.physics_dt = first.dt, first.n_step, first.physics_dt
+        self.count = np.array([w.count for w in windows])
+        self._shortest, self._everyone = int(self.count.min()), np.arange(len(windows))
+        self.errors: dict[int, SimulationError] = {}
+        b, n, nv = len(windows), first.model.n_muscle, first.model.nv
+        self.excitation = np.zeros((b, n))
+        self.reserve, self.shortfall, self.fastest_rate = np.zeros((b, nv)), np.zeros((b, nv)), np.zeros(b)
+
+    def put(self, i: int, inputs: Inputs) -> None:
+        """The inputs of one simulation."""
+        self.excitation[i], self.reserve[i] = inputs.excitation, inputs.reserve
+        self.shortfall[i], self.fastest_rate[i] = inputs.shortfall, inputs.fastest_rate
+
+    def get(self, i: int) -> Inputs:
+        """The inputs of one simulation, a copy."""
+        u, s, lacking = (values[i].copy() for values in (self.excitation, self.reserve, self.shortfall))
+        return Inputs(u, s, lacking, float(self.fastest_rate[i]))
+
+    def running(self, k: int) -> Ids:
+        """The simulations that have a window k and have not failed."""
+        if k < self._shortest and not self.errors:
+            return self._everyone
+        ids = np.flatnonzero(self.count > k)
+        return ids[[int(i) not in self.errors for i in ids]] if self.errors else ids
+
+
 class Method(Protocol):
-    """How one method chooses excitations."""
+    """How one method chooses excitations, with its settings."""
 
     def settings(self) -> dict[str, Any]:
         """The method's name, as ``method``, and its own settings, for the record."""
 
     def start(self, windows: Windows) -> tuple[State, Inputs]:
-        """The first state, and inputs that stand for the window before the first."""
+        """The first state of a simulation, and inputs that stand for the window before the first."""
 
-    def window(self, windows: Windows, k: int, state: State, before: Inputs) -> Inputs:
-        """The inputs of window k, which begins in a state, after those of the window before."""
+    def drive(self, team: Team) -> Driver:
+        """What takes the team through its windows."""
 
 
-def run(method: Method, windows: Windows, progress: Progress | None, *, own_plant: bool) -> Solution:
-    """Solve all windows.
+class Driver(Protocol):
+    """A method at work; what it carries from window to window is its own."""
 
-    Args:
-        method: what chooses the excitations.
-        windows: see `windows.prepare`.
-        progress: called after each window.
-        own_plant: the plant is the user's, and keeps its step.
+    def window(self, k: int, ids: Ids, rows: Array) -> Array:
+        """Choose the team's inputs of window k for some simulations, and step them.
+
+        Args:
+            k: the window.
+            ids: (b,) the simulations.
+            rows: (b, n_row) their states at its start, see `lockstep.Plants`.
+
+        Returns:
+            (b, n_row) their states at its end; NaN, or an entry in the team's errors, where one failed.
+        """
+
+
+class Separately:
+    """Drives each simulation of a team by itself, by a method that looks at one plant at a time."""
+
+    def __init__(self, team: Team, choose: Callable[[Windows, int, State, Inputs], Inputs]) -> None:
+        self._team, self._choose = team, choose
+
+    def window(self, k: int, ids: Ids, rows: Array) -> Array:
+        """See `Driver`."""
+        team = self._team
+        for i, row in zip(ids, rows, strict=True):
+            try:
+                team.put(i, self._choose(team.windows[i], k, team.plants.layout.state(row), team.get(i)))
+            except SimulationError as error:
+                team.errors[int(i)] = error
+        return team.plants.step(ids, rows, team.excitation[ids], team.reserve[ids], team.n_step)
+
+
+def run(method: Method, windows: Windows, progress: Progress | None) -> Solution:
+    """Solve all windows of one simulation.
 
     Raises:
         SimulationError: the simulation diverged, also with a quarter and a sixteenth of the step (an `MjhcmcWarning`
-            tells of each). Its ``solution`` holds what was solved before, marked interrupted.
+            tells of each; a user's own plant keeps its step). Its ``solution`` holds what was solved before, marked
+            interrupted.
+        SolveInterrupted: a KeyboardInterrupt came; it carries what was solved.
+    """
+    outcome = run_together(method, [windows], progress)[0]
+    if isinstance(outcome, SimulationError):
+        raise outcome
+    return outcome
+
+
+def run_together(
+    method: Method,
+    windows: Sequence[Windows],
+    progress: Progress | None,
+    threads: int = 1,
+    numbers: Sequence[int] | None = None,
+) -> list[Solution | SimulationError]:
+    """Solve simulations in lock step; one that fails does so by itself, with the error in place of its solution.
+
+    Args:
+        method: what chooses the excitations.
+        windows: one a simulation, see `windows.prepare`.
+        progress: called after each window.
+        threads: to step on.
+        numbers: what to call the simulations in messages; None: nothing.
+
+    Raises:
         SolveInterrupted: a KeyboardInterrupt came; it carries what was solved.
     """
     began = time.perf_counter()
-    settings = method.settings()
-    _log.info("%s on %s, %s: %d windows", settings["method"], windows.model.name, windows.motion.name, windows.count)
-    longest: Solution | None = None
-    for tries_left in reversed(range(_FINER_TRIES + 1)):
-        try:
-            solution = _run(method, windows, progress)
-        except DivergedError as error:
-            if longest is None or (error.solution is not None and error.solution.n_window > longest.n_window):
-                longest = error.solution
-            error.solution = longest
-            if own_plant or not tries_left:
-                raise
-            step = windows.plant.physics_dt / 4
-            warnings.warn(f"{error}; it is solved again with physics_dt {step:.2g} s", MjhcmcWarning, stacklevel=3)
-            finer = MujocoPlant(windows.model, step, windows.plant.external)
-            windows = replace(windows, plant=finer, n_step=4 * windows.n_step)
-        else:
-            _log.info("%s: solved in %.3g s", settings["method"], time.perf_counter() - began)
-            return solution
-    raise AssertionError("unreachable")
+    name, first = method.settings()["method"], windows[0]
+    if len(windows) == 1:
+        _log.info("%s on %s, %s: %d windows", name, first.model.name, first.motion.name, first.count)
+    else:
+        _log.info("%s, %d simulations on %d threads", name, len(windows), threads)
+    outcomes = _run(method, windows, progress, threads)
+    for attempt in range(1, _FINER_TRIES + 1):
+        again = [i for i, o in enumerate(outcomes) if isinstance(o, DivergedError) and windows[i].own_plant is None]
+        if not again:
+            break
+        finer = [windows[i].finer(_FINER**attempt) for i in again]
+        for i in again:
+            who = "" if numbers is None else f"simulation {numbers[i]}: "
+            step = f"physics_dt {finer[0].physics_dt:.2g} s"
+            warnings.warn(f"{who}{outcomes[i]}; it is solved again with {step}", MjhcmcWarning, stacklevel=4)
+        for i, outcome in zip(again, _run(method, finer, progress, threads), strict=True):
+            if isinstance(outcome, SimulationError):
+                outcome.solution = _longer(outcome.solution, _partial(outcomes[i]))
+            outcomes[i] = outcome
+    _log.info("%s: solved in %.3g s", name, time.perf_counter() - began)
+    return outcomes
 
 
-def _run(method: Method, windows: Windows, progress: Progress | None) -> Solution:
-    record = Record(windows, method.settings(), [])
+def _partial(outcome: Solution | SimulationError) -> Solution | None:
+    return outcome.solution if isinstance(outcome, SimulationError) else outcome
+
+
+def _longer(a: Solution | None, b: Solution | None) -> Solution | None:
+    return max((s for s in (a, b) if s is not None), key=lambda s: s.n_window, default=None)
+
+
+def _run(
+    method: Method, windows: Sequence[Windows], progress: Progress | None, threads: int
+) -> list[Solution | SimulationError]:
+    plants = _plants(windows, threads)
+    team = Team(windows, plants)
+    record = Record(team.windows, plants, method.settings())
+    try:
+        record.begin(plants.rows([_start(method, team, i) for i in range(len(windows))]))
+        driver, total = method.drive(team), int(team.count.max())
+        for k in range(total):
+            ids = team.running(k)
+            if not ids.size:
+                break
+            ends = driver.window(k, ids, record.last(ids, k))
+            team.errors.update(record.window(k, ids, ends, team))
+            if progress is not None:
+                progress(k + 1, total)
+    except KeyboardInterrupt as interrupt:
+        partly = [record.done(i) < w.count for i, w in enumerate(windows)]
+        raise SolveInterrupted([record.solution(i, interrupted=part) for i, part in enumerate(partly)]) from interrupt
+    outcomes: list[Solution | SimulationError] = []
+    for i in range(len(windows)):
+        error = team.errors.get(i)
+        solution = record.solution(i, interrupted=error is not None)
+        if error is not None:
+            error.solution = solution
+        outcome = error if error is not None else solution
+        assert outcome is not None  # windows without a failure are all there
+        outcomes.append(outcome)
+    return outcomes
+
+
+def _plants(windows: Sequence[Windows], threads: int) -> Plants:
+    own = [w.own_plant for w in windows if w.own_plant is not None]
+    if own:
+        return OneByOne(own)
+    return Lockstep([w.model for w in windows], windows[0].physics_dt, [w.external for w in windows], threads)
+
+
+def _start(method: Method, team: Team, i: int) -> State:
+    """The first state of a simulation; its inputs are put into the team."""
+    windows = team.windows[i]
+    if len(team.windows) > 1:
+        windows = windows.without_plant()  # one each would fill the memory
     try:
         state, inputs = method.start(windows)
-        record.states.append(state)
-        for k in range(windows.count):
-            inputs = method.window(windows, k, record.states[-1], inputs)
-            windows.plant.set_state(record.states[-1])
-            windows.plant.advance(inputs.excitation, inputs.reserve, windows.n_step)
-            end = replace(windows.plant.get_state(), time=float(windows.reference.time[k + 1]))
-            record.window(inputs, end)
-            if progress is not None:
-                progress(k + 1, windows.count)
-        return record.solution()
     except SimulationError as error:
-        error.solution = record.solution(interrupted=True) if record.count else None
-        raise
-    except KeyboardInterrupt as interrupt:
-        partly = record.count < windows.count
-        raise SolveInterrupted(record.solution(interrupted=partly) if record.count else None) from interrupt
+        team.errors[i] = error
+        return replace(windows.start, activation=np.zeros(windows.model.n_muscle))
+    team.put(i, inputs)
+    return state
 
 
-def static_start(windows: Windows, sharing: Sharing, *, reserves: bool) -> tuple[State, Inputs]:
+def static_start(windows: Windows, *, reserves: bool) -> tuple[State, Inputs]:
     """The first state, with the static allocation of the first desired acceleration where no activation was given.
 
     Returns:
         The state; and as inputs the excitation that holds its activation, with the reserve of that allocation.
     """
-    plant, model, start = windows.plant, windows.model, windows.start
+    plant, model, start, sharing = windows.plant, windows.model, windows.start, windows.sharing
     given = np.isfinite(start.activation).all()
     plant.set_state(start if given else replace(start, activation=np.zeros(model.n_muscle)))
     plant.set_input(None, np.zeros(model.nv))
@@ -156,8 +304,7 @@ def rate_at(plant: MujocoPlant, state: State, reserve: NDArray[np.float64]) -> f
     plant.set_input(None, reserve)
     plant.forward()
     M = dynamics.mass_matrix(plant)
-    D, _ = dynamics.damping_and_stiffness(plant)
-    return decay_rate(M, D, RK4_LIMIT / plant.physics_dt)
+    return decay_rate(M, dynamics.damping_matrix(plant), RK4_LIMIT / plant.physics_dt)
 
 
 def reserve_price(M: NDArray[np.float64], *, reserves: bool) -> NDArray[np.float64]:
@@ -168,91 +315,3 @@ def reserve_price(M: NDArray[np.float64], *, reserves: bool) -> NDArray[np.float
     principle the shares are those that change the accelerations least; the leg comes back from a wrong start by it.
     """
     return np.diag(np.diag(M)) if reserves else M
-
-
-@dataclass
-class Record:
-    """What a method writes down as it goes: its settings, the state at each node, the inputs of each window."""
-
-    windows: Windows
-    settings: dict[str, Any]
-    states: list[State]
-    inputs: list[Inputs] = field(default_factory=list)
-
-    def window(self, inputs: Inputs, end: State) -> None:
-        """Write down one window and the state at its end.
-
-        Raises:
-            DivergedError: the state is not finite.
-        """
-        for name, values, labels in (
-            ("position", end.qpos, self.windows.model.joint_names),
-            ("velocity", end.qvel, self.windows.model.dof_names),
-            ("activation", end.activation, self.windows.model.muscle_names),
-        ):
-            if not np.isfinite(values).all():
-                label = labels[int(np.argmin(np.isfinite(values)))]
-                raise DivergedError(
-                    f"the {name} of {label!r} is not finite at {end.time:.4g} s: the simulation diverged; use a "
-                    "smaller physics_dt, or filter the motion"
-                )
-        self.inputs.append(inputs)
-        self.states.append(end)
-
-    @property
-    def count(self) -> int:
-        """Windows written down whole: the state at the end comes last, also when an interrupt falls between."""
-        return max(0, len(self.states) - 1)
-
-    def solution(self, *, interrupted: bool = False) -> Solution:
-        """Everything that follows from the record; one pass over the nodes."""
-        windows, model, plant = self.windows, self.windows.model, self.windows.plant
-        n = self.count
-        inputs = self.inputs[:n]
-        reserve, shortfall = np.array([i.reserve for i in inputs]), np.array([i.shortfall for i in inputs])
-        rate = np.array([i.fastest_rate for i in inputs])
-        external = np.empty((n + 1, model.nv))
-        force, moment = np.empty((n + 1, model.n_muscle)), np.empty((n + 1, model.nv))
-        for k, state in enumerate(self.states):
-            plant.set_state(state)
-            plant.set_input(None, reserve[min(k, n - 1)])
-            plant.forward()
-            external[k] = plant.external_load()
-            at_node = dynamics.node_forces(plant)
-            force[k], moment[k] = at_node.muscle_force, at_node.net_joint_moment
-        qpos = np.array([state.qpos for state in self.states])
-        desired = windows.reference.qpos[: n + 1]
-        given = windows.joint_moments
-        everything = {
-            "model": model.name,
-            "motion": windows.motion.name,
-            "joint_moments": None if given is None else given.name,
-            "dt": windows.dt,
-            "physics_dt": plant.physics_dt,
-            **self.settings,
-        }
-        if given is not None:
-            difference = np.abs(moment - given.sample(windows.reference.time[: n + 1])).max(axis=0)
-            everything["joint_moment_difference"] = dict(zip(model.dof_names, difference.tolist(), strict=True))
-        return Solution(
-            time=windows.reference.time[: n + 1].copy(),
-            excitation=np.array([i.excitation for i in inputs]),
-            activation=np.array([state.activation for state in self.states]),
-            qpos=qpos,
-            qpos_desired=desired.copy(),
-            qvel=np.array([state.qvel for state in self.states]),
-            tracking_error=qpos - desired,
-            net_joint_moment=moment,
-            muscle_force=force,
-            reserve=reserve,
-            shortfall=shortfall,
-            external_load=external,
-            status=window_status(moment, reserve, shortfall, rate * plant.physics_dt),
-            muscle_names=model.muscle_names,
-            dof_names=model.dof_names,
-            dof_is_rotation=model.joint_is_rotation.copy(),
-            settings=everything,
-            interrupted=interrupted,
-            model=model,
-            external=plant.external,
-        )

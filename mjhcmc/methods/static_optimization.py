@@ -17,12 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from mjhcmc import dynamics
 from mjhcmc.allocation import Allocation
 from mjhcmc.joint_moments import JointMoments
-from mjhcmc.methods.run import Inputs, Progress, rate_at, reserve_price, run
+from mjhcmc.methods.run import Driver, Inputs, Progress, Separately, Team, rate_at, reserve_price, run
 from mjhcmc.methods.windows import Windows, check_flag, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
 from mjhcmc.plant import MujocoPlant, State
-from mjhcmc.sharing import Sharing, share
 from mjhcmc.solution import Solution
 
 
@@ -78,12 +77,13 @@ def static_optimization(
         SolveInterrupted: as `hcmc`.
     """
     windows = prepare(
-        model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant
-    )
-    sharing = share(model, cost, weights, smoothness, min_activation, disabled, solver)
+        model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
+        cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
+        solver=solver,
+    )  # fmt: skip
     check_flag("reserves", reserves)
-    method = _Static(sharing, reserves, _plan(windows, sharing, reserves=reserves))
-    return run(method, windows, progress, own_plant=plant is not None)
+    method = _Static(reserves, _plan(windows, reserves=reserves))
+    return run(method, windows, progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +101,9 @@ class _Plan:
     B: NDArray[np.float64]
 
 
-def _plan(windows: Windows, sharing: Sharing, *, reserves: bool) -> _Plan:
+def _plan(windows: Windows, *, reserves: bool) -> _Plan:
     """Static optimization proper: node by node, from the desired motion alone."""
-    plant, reference, model = windows.plant, windows.reference, windows.model
+    plant, reference, model, sharing = windows.plant, windows.reference, windows.model, windows.sharing
     rest, zero = np.zeros(model.n_muscle), np.zeros(model.nv)
     low, high = model.excitation_range.T
     found: list[Allocation] = []
@@ -125,13 +125,12 @@ def _plan(windows: Windows, sharing: Sharing, *, reserves: bool) -> _Plan:
 class _Static:
     """The method with its settings; see `static_optimization`."""
 
-    sharing: Sharing
     reserves: bool
     plan: _Plan
 
     def settings(self) -> dict[str, Any]:
         """See `run.Method`."""
-        return {"method": "static", **self.sharing.options, "reserves": self.reserves}
+        return {"method": "static", "reserves": self.reserves}
 
     def start(self, windows: Windows) -> tuple[State, Inputs]:
         """See `run.Method`; the first activation is the plan's, wherever the model starts."""
@@ -140,11 +139,15 @@ class _Static:
         state = start if given else replace(start, activation=self.plan.activation[0])
         return state, Inputs(state.activation, zero, zero, 0.0)
 
-    def window(self, windows: Windows, k: int, state: State, before: Inputs) -> Inputs:
-        """See `run.Method`; of the state only its activation counts, which no position or velocity changes."""
+    def drive(self, team: Team) -> Driver:
+        """See `run.Method`."""
+        return Separately(team, self._window)
+
+    def _window(self, windows: Windows, k: int, state: State, before: Inputs) -> Inputs:
+        """The inputs of window k; of the state only its activation counts, which no position or velocity changes."""
         plant, plan = windows.plant, self.plan
         goal = plan.activation[k + 1]
-        excitation = self.sharing.excitation(plant.excitation_reaching(state.activation, goal, windows.n_step))
+        excitation = windows.sharing.excitation(plant.excitation_reaching(state.activation, goal, windows.n_step))
         low, high = plant.reachable(state.activation, windows.n_step)
         unreached = plan.B[k + 1] @ (goal - np.clip(goal, low, high))
         lacking = (plan.lacking[k] + plan.lacking[k + 1]) / 2

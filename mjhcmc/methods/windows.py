@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,36 +16,59 @@ from mjhcmc.errors import MjhcmcWarning, MotionError, SettingsError, SimulationE
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import RANGE_ALLOWANCE, Motion, Reference, check_joint_range
-from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State, physics_steps
+from mjhcmc.plant import RK4_LIMIT, External, MujocoPlant, State, physics_steps
+from mjhcmc.sharing import Sharing, share
 
-_MODES_CHECKED = 50
+_POSES_CHECKED = 8  # along the motion
 _MARGIN = 0.8  # active muscles damp too
 _MOST_STEPS = 10**8  # days of work, gigabytes of record
 
 
 @dataclass(frozen=True)
 class Windows:
-    """What every method starts from.
+    """What every method starts from, for one simulation.
 
     Attributes:
         model: the model.
-        plant: what is stepped.
         motion: the desired motion.
         reference: the desired motion at the N + 1 nodes.
         dt: s, length of a control window.
+        physics_dt: s, length of a physics step.
         n_step: physics steps in a window.
         start: the plant's state at the first node; its activation is NaN where it is to be solved for.
+        sharing: how moments are shared among the muscles.
         joint_moments: those that a user brought along; None: none.
+        external: loads from outside; None: none.
+        own_plant: a plant that the user handed in; None: none.
+        bench: a plant of the same model to look at states with, shared with other simulations; None: none.
     """
 
     model: MuscleModel
-    plant: MujocoPlant
     motion: Motion
     reference: Reference
     dt: float
+    physics_dt: float
     n_step: int
     start: State
+    sharing: Sharing
     joint_moments: JointMoments | None = None
+    external: External | None = None
+    own_plant: MujocoPlant | None = None
+    bench: MujocoPlant | None = None
+
+    @cached_property
+    def plant(self) -> MujocoPlant:
+        """What methods look at states with: the user's plant, or one of the model."""
+        shared = self.bench if self.external is None else None
+        return self.own_plant or shared or MujocoPlant(self.model, self.physics_dt, self.external)
+
+    def finer(self, times: int) -> Windows:
+        """The same with that many times more physics steps."""
+        return replace(self, physics_dt=self.physics_dt / times, n_step=self.n_step * times, bench=None)
+
+    def without_plant(self) -> Windows:
+        """The same without the plant of the model, which is built again when it is asked for."""
+        return replace(self)
 
     @cached_property
     def rms_qacc(self) -> NDArray[np.float64]:
@@ -71,6 +95,8 @@ def prepare(
     initial_activation: ArrayLike | None = None,
     joint_moments: JointMoments | None = None,
     plant: MujocoPlant | None = None,
+    bench: MujocoPlant | None = None,
+    **choices: Any,
 ) -> Windows:
     """Check the settings of a solve and lay out its windows.
 
@@ -84,6 +110,8 @@ def prepare(
         initial_activation: (n_muscle,) or one number; NaN, to be solved for, by default.
         joint_moments: to be shared among the muscles in place of those of inverse dynamics.
         plant: what is stepped; a `MujocoPlant` at physics_dt by default. It keeps its own physics step.
+        bench: see `Windows`.
+        choices: of cost, bounds and solver, see `sharing.share`.
 
     Raises:
         SettingsError: a setting outside its valid values.
@@ -123,26 +151,26 @@ def prepare(
     reference = motion.sample(times)
     _check_range(motion, model, reference.time, reference.qpos, f"motion {motion.name!r}")
     n_step = physics_steps(dt, physics_dt)
+    step, external = dt / n_step, None
     if plant is None:
-        plant = MujocoPlant(model, dt / n_step)
+        pass
     elif joint_moments is not None:
         raise SettingsError(
             "joint_moments and a plant of one's own exclude each other: build the plant with "
             "external=joint_moments.implied_load(plant, motion)"
         )
     else:
-        n_step = physics_steps(dt, plant.physics_dt)
-        if abs(n_step * plant.physics_dt - dt) > 1e-9 * dt:
-            raise SettingsError(
-                f"the plant's step {plant.physics_dt:g} s does not divide dt {dt:g} s: build it with dt/{n_step}"
-            )
+        step, external = plant.physics_dt, plant.external
+        n_step = physics_steps(dt, step)
+        if abs(n_step * step - dt) > 1e-9 * dt:
+            raise SettingsError(f"the plant's step {step:g} s does not divide dt {dt:g} s: build it with dt/{n_step}")
     if joint_moments is not None:
         if not isinstance(joint_moments, JointMoments):
             raise SettingsError(
                 f"joint_moments must be JointMoments; got {type(joint_moments).__name__}: use JointMoments.from_file"
             )
         joint_moments.check_covers(motion, model)
-        plant.external = joint_moments.implied_load(plant, motion)
+        external = joint_moments.implied_load(MujocoPlant(model, step), motion)
     qpos = _vector("initial_qpos", initial_qpos, reference.qpos[0])
     qvel = _vector("initial_qvel", initial_qvel, reference.qvel[0])
     _check_range(motion, model, times[:1], qpos[None], "initial_qpos")
@@ -150,7 +178,20 @@ def prepare(
     if initial_activation is not None and (np.any(activation < 0) or np.any(activation > 1)):
         raise SettingsError("initial_activation must lie within 0..1")
     start = State(float(times[0]), qpos, qvel, activation, np.zeros(model.nv))
-    windows = Windows(model, plant, motion, reference, dt, n_step, start, joint_moments)
+    windows = Windows(
+        model,
+        motion,
+        reference,
+        dt,
+        step,
+        n_step,
+        start,
+        share(model, **choices),
+        joint_moments,
+        external,
+        plant,
+        bench,
+    )
     _check_passive_stability(windows)
     return windows
 
@@ -197,18 +238,17 @@ def decay_rate(M: NDArray[np.float64], D: NDArray[np.float64], harmless: float =
 def _check_passive_stability(windows: Windows) -> None:
     """Refuse a physics step at which the model's passive damping alone would blow up."""
     plant, reference = windows.plant, windows.reference
-    rest = np.zeros(windows.model.n_muscle)
+    rest, still = np.zeros(windows.model.n_muscle), np.zeros(windows.model.nv)
     worst, at = 0.0, 0
-    for k in range(0, len(reference.time), max(1, len(reference.time) // _MODES_CHECKED)):
-        plant.set_state(State(0.0, reference.qpos[k], np.zeros(windows.model.nv), rest, np.zeros(windows.model.nv)))
+    for k in range(0, len(reference.time), max(1, len(reference.time) // _POSES_CHECKED)):
+        plant.set_state(State(0.0, reference.qpos[k], still, rest, still))
         plant.forward()
         M = dynamics.mass_matrix(plant)
-        D, _ = dynamics.damping_and_stiffness(plant)
-        rate = decay_rate(M, D)
+        rate = decay_rate(M, dynamics.damping_matrix(plant), RK4_LIMIT / windows.physics_dt)
         if rate > worst:
             worst, at = rate, k
-    if worst * plant.physics_dt > RK4_LIMIT:
+    if worst * windows.physics_dt > RK4_LIMIT:
         raise SimulationError(
-            f"model {windows.model.name!r}: physics_dt {plant.physics_dt:g} s is unstable under its damping "
+            f"model {windows.model.name!r}: physics_dt {windows.physics_dt:g} s is unstable under its damping "
             f"({worst:.0f} /s at {reference.time[at]:.3g} s): use physics_dt <= {_MARGIN * RK4_LIMIT / worst:.2g}"
         )

@@ -26,7 +26,6 @@ UNLIMITED_HINGE = np.pi / 2
 UNLIMITED_SLIDE = 0.1
 """m either way of the reference pose that a slide without limits is moved."""
 
-_VELOCITY_STEP = 1e-5  # rad/s or m/s
 _HALVINGS = 20
 
 
@@ -181,25 +180,7 @@ def decay(plant: ScanPlant, qpos: NDArray[np.float64], activation: float) -> flo
     """
     _rest_at(plant, qpos, activation)
     M = plant.coupling.reduce_matrix(qpos, dynamics.mass_matrix(plant))
-    return decay_rate(M, plant.coupling.reduce_matrix(qpos, damping(plant)))
-
-
-def damping(plant: MujocoPlant) -> NDArray[np.float64]:
-    """D = -dF/dv (nv, nv) of the smooth generalized forces at the plant's last `forward`, by forward differences.
-
-    The first result of `dynamics.damping_and_stiffness`, without the cost of the second.
-    """
-    m, d = plant.mj_model, plant.mj_data
-    D = np.empty((m.nv, m.nv))
-    held = d.qvel.copy()
-    base = d.qfrc_passive + d.qfrc_actuator - d.qfrc_bias
-    for j in range(m.nv):
-        d.qvel[j] += _VELOCITY_STEP
-        mujoco.mj_fwdVelocity(m, d)
-        mujoco.mj_fwdActuation(m, d)
-        D[:, j] = (base - (d.qfrc_passive + d.qfrc_actuator - d.qfrc_bias)) / _VELOCITY_STEP
-        d.qvel[j] = held[j]
-    return D
+    return decay_rate(M, plant.coupling.reduce_matrix(qpos, dynamics.damping_matrix(plant)))
 
 
 def _rest_at(plant: ScanPlant, qpos: NDArray[np.float64], activation: float) -> None:

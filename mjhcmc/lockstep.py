@@ -1,0 +1,347 @@
+"""Simulations stepped together: what a method drives, one movement or many.
+
+`Lockstep` runs them on MuJoCo's own batch (``mujoco.batch``), on a thread pool; results do not depend on the number of
+threads, nor on which simulations share a call. `OneByOne` (see `one_by_one`) does the same with plants that a user
+handed in. Both speak `Plants`.
+
+A simulation's state is a row of numbers; `Plants.layout` says where in it what stands.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from mujoco.batch import Batch, SimulationError
+from numpy.typing import NDArray
+
+from mjhcmc.dynamics import POSITION_STEP, VELOCITY_STEP, NodeForces, fiber_damping, forces_from
+from mjhcmc.lockstep_kernels import fill_nodes, put_around, read_around, read_slopes
+from mjhcmc.model import MuscleModel
+from mjhcmc.plant import External, State
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.intp]
+Index = NDArray[np.intp] | slice
+
+_MOMENTS = ("actuator_moment", "moment_rownnz", "moment_rowadr", "moment_colind")
+_PROBED = ("qacc", "M", "qfrc_smooth", "actuator_force", "actuator_velocity", "ten_velocity")
+_AT_NODES = (
+    "qacc", "M", "qfrc_passive", "qfrc_actuator", "qfrc_bias", "qfrc_constraint", "actuator_force", "actuator_velocity",
+    "ten_velocity",
+)  # fmt: skip
+_NODES_AT_ONCE = 1024  # bounds the memory of the pass over a long record
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where in a state row what stands.
+
+    Attributes:
+        time: column.
+        qpos: columns, (nq).
+        qvel: columns, (nv).
+        activation: columns, (n_muscle).
+        warmstart: columns, (nv).
+    """
+
+    time: int
+    qpos: slice
+    qvel: slice
+    activation: Index
+    warmstart: slice
+
+    def state(self, row: Array) -> State:
+        """A row as a `State`."""
+        parts = (row[columns].copy() for columns in (self.qpos, self.qvel, self.activation, self.warmstart))
+        return State(float(row[self.time]), *parts)
+
+
+class Linearization(NamedTuple):
+    """What forces do around one state of each simulation.
+
+    Attributes:
+        qacc: (b, nv) rad/s^2 or m/s^2, acceleration.
+        M: (b, nv, nv) kg m^2, mass matrix.
+        B: (b, nv, n_muscle) N m, joint moments at full activation, without bias.
+        gain: (b, n_muscle) N, pulling positive, each muscle's actuator force at full activation, without its bias.
+        bias: (b, n_muscle) N, its force at zero activation; with fiber damping where asked for.
+        D: (b, nv, nv) N m s, -dF/dv of all smooth forces at fixed activation.
+        K: (b, nv, nv) N m, -dF/dq likewise; None where it was not asked for.
+    """
+
+    qacc: Array
+    M: Array
+    B: Array
+    gain: Array
+    bias: Array
+    D: Array
+    K: Array | None
+
+    def of(self, which: NDArray[np.bool_]) -> Linearization:
+        """That of some of the simulations."""
+        return Linearization(*(None if part is None else part[which] for part in self))  # type: ignore[arg-type]
+
+
+class Plants(Protocol):
+    """Simulations stepped together. Arrays have one row a simulation of the call, in the order of ``ids``.
+
+    Attributes:
+        count: simulations in all.
+        physics_dt: s, length of a physics step.
+        layout: of the state rows.
+    """
+
+    count: int
+    physics_dt: float
+    layout: Layout
+
+    def rows(self, states: Sequence[State]) -> Array:
+        """(count, n_row) state rows of all simulations."""
+
+    def step(self, ids: Ids, rows: Array, excitation: Array, reserve: Array, n_step: int, times: float = 1.0) -> Array:
+        """The state rows after n_step steps of ``times`` physics_dt under constant inputs; NaN where MuJoCo fails."""
+
+    def acceleration(self, ids: Ids, rows: Array, reserve: Array) -> Array:
+        """(b, nv) at states under reserves (b, nv) N m; NaN where MuJoCo fails."""
+
+    def linearize(
+        self, ids: Ids, rows: Array, reserve: Array, *, stiffness: bool = False, damping: bool = False
+    ) -> Linearization:
+        """Around states; with K, and with fiber damping in the bias, where asked for. NaN where MuJoCo fails."""
+
+    def nodes(self, i: int, rows: Array, reserve: Array) -> NodeForces:
+        """Forces of simulation i at several states (k, n_row) under reserves (k, nv)."""
+
+    def fault(self, i: int) -> str:
+        """What MuJoCo said when simulation i failed, or nothing."""
+
+
+class Lockstep:
+    """Simulations of MuJoCo models of one structure, on ``mujoco.batch``; see `Plants`.
+
+    Args:
+        models: one a simulation, alike in all but numbers.
+        physics_dt: s, length of a physics step.
+        externals: loads from outside, one a simulation; held over each physics step at their value in its middle.
+        threads: threads to step on, the caller's among them.
+    """
+
+    def __init__(
+        self, models: Sequence[MuscleModel], physics_dt: float, externals: Sequence[External | None], threads: int = 1
+    ) -> None:
+        self.count, self.physics_dt = len(models), physics_dt
+        self._models, self._externals, self._threads = models, externals, threads
+        self._differ = any(model is not models[0] for model in models)
+        self._nodes: tuple[Batch, _Bound] | None = None
+        self._loaded = any(external is not None for external in externals)
+        self._faults: dict[int, str] = {}
+        self._batches = {1.0: self._batch(1.0)}
+        first, batch = models[0], self._batches[1.0]
+        self._qacc = batch.bind("qacc")
+        self._act = (_columns(batch, "act").start + first.act_index).astype(np.intp)
+        self.layout = Layout(
+            time=_columns(batch, "time").start,
+            qpos=_columns(batch, "qpos"),
+            qvel=_columns(batch, "qvel"),
+            activation=_as_slice(self._act),
+            warmstart=_columns(batch, "qacc_warmstart"),
+        )
+        self._ctrl = _as_slice(_columns(batch, "ctrl").start + first.ctrl_index)
+        self._applied = _columns(batch, "qfrc_applied")
+
+    def _batch(self, times: float, copies: int = 1) -> Batch:
+        """The simulations, each so many times over, with a step of so many times physics_dt."""
+
+        def stepped(model: MuscleModel) -> Any:
+            m = copy.copy(model.mj_model)
+            m.opt.timestep = times * self.physics_dt
+            return m
+
+        first = self._models[0]
+        batch = Batch(stepped(first), copies * self.count, self._threads)
+        if self._differ:
+            own = [stepped(model) for model in self._models]
+            batch.set_models([m for m in own for _ in range(copies)])
+        return batch
+
+    @cached_property
+    def _probe(self) -> tuple[Batch, _Bound]:
+        """Each simulation 2 + nv times, to look around a state in one call."""
+        batch = self._batch(1.0, 2 + self._models[0].nv)
+        return batch, _Bound(batch, self._models[0], _PROBED)
+
+    def rows(self, states: Sequence[State]) -> Array:
+        """See `Plants`."""
+        at = self.layout
+        rows: Array = self._batches[1.0].state.copy()
+        for row, state in zip(rows, states, strict=True):
+            row[at.time], row[at.qpos], row[at.qvel] = state.time, state.qpos, state.qvel
+            row[at.activation], row[at.warmstart] = state.activation, state.warmstart
+        return rows
+
+    def step(self, ids: Ids, rows: Array, excitation: Array, reserve: Array, n_step: int, times: float = 1.0) -> Array:
+        """See `Plants`."""
+        batch = self._batches.get(times) or self._batches.setdefault(times, self._batch(times))
+        where = self._where(ids)
+        start = rows.copy()
+        start[:, self._ctrl] = excitation
+        start[:, self._applied] = reserve
+        batch.state[where] = start
+        if self._loaded:
+            failed: set[int] = set()
+            middles = times * self.physics_dt * (np.arange(n_step) + 0.5)
+            load = np.stack([self._load(i, row[self.layout.time] + middles) for i, row in zip(ids, rows, strict=True)])
+            for j in range(n_step):
+                start = batch.state[where].copy()
+                start[:, self._applied] = reserve + load[:, j]
+                batch.state[where] = start
+                failed |= self._call(batch, batch.step, ids)
+        else:
+            failed = self._call(batch, batch.step, ids, n_step)
+        return _without(failed, ids, batch.state[where].copy())
+
+    def acceleration(self, ids: Ids, rows: Array, reserve: Array) -> Array:
+        """See `Plants`."""
+        batch, where = self._batches[1.0], self._where(ids)
+        batch.state[where] = self._under(ids, rows, reserve)
+        failed = self._call(batch, batch.forward, ids)
+        return _without(failed, ids, self._qacc[where].copy())
+
+    def linearize(
+        self, ids: Ids, rows: Array, reserve: Array, *, stiffness: bool = False, damping: bool = False
+    ) -> Linearization:
+        """See `Plants`."""
+        start = self._under(ids, rows, reserve)
+        b, nv, n = len(ids), self._models[0].nv, self._models[0].n_muscle
+        failed, bound, probe = self._look(ids, start, self.layout.qvel.start, VELOCITY_STEP)
+        qacc, gain, bias = np.empty((b, nv)), np.empty((b, n)), np.empty((b, n))
+        M, B, D = np.empty((b, nv, nv)), np.empty((b, nv, n)), np.empty((b, nv, nv))
+        read_around(
+            probe, ids, self._act, VELOCITY_STEP, bound.qacc, bound.M, *bound.M_index, *bound.moment, bound.muscles,
+            bound.actuator_force, bound.qfrc_smooth, qacc, M, B, gain, bias, D,
+        )  # fmt: skip
+        if damping:
+            bias += np.array([bound.fiber_damping(self._models[i], (2 + nv) * i) for i in ids])
+        K = None
+        if stiffness:
+            failed |= self._look(ids, start, self.layout.qpos.start, POSITION_STEP)[0]
+            K = np.empty((b, nv, nv))
+            read_slopes(ids, POSITION_STEP, bound.qfrc_smooth, K)
+        return Linearization(_without(failed, ids, qacc), M, B, gain, bias, D, K)
+
+    def _look(self, ids: Ids, start: Array, first: int, step: float) -> tuple[set[int], _Bound, Array]:
+        """Look around states; returns what failed, the derived quantities and the rows that they belong to."""
+        batch, bound = self._probe
+        copies = 2 + self._models[0].nv
+        put_around(batch.state, ids, start, self._act, first, copies - 2, step)
+        whole = len(ids) == self.count
+        try:
+            batch.forward(None if whole else (copies * ids[:, None] + np.arange(copies)).ravel())
+        except SimulationError as error:
+            self._faults.update({int(i) // copies: batch.error(int(i)) for i in error.ids})
+            return {int(i) // copies for i in error.ids}, bound, batch.state
+        return set(), bound, batch.state
+
+    def nodes(self, i: int, rows: Array, reserve: Array) -> NodeForces:
+        """See `Plants`."""
+        if len(rows) > _NODES_AT_ONCE:
+            halves = np.array_split(np.arange(len(rows)), 2)
+            parts = [self.nodes(i, rows[half], reserve[half]) for half in halves]
+            return NodeForces(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(NodeForces)))
+        load = self._load(i, rows[:, self.layout.time])
+        model = self._models[i]
+        if self._nodes is None or self._nodes[0].nsim != len(rows):
+            batch = Batch(model.mj_model, len(rows), self._threads)
+            self._nodes = batch, _Bound(batch, model, _AT_NODES)
+        batch, bound = self._nodes
+        if self._differ:
+            batch.set_models(model.mj_model)
+        batch.state[:] = rows
+        batch.state[:, self._applied] = reserve + load
+        batch.forward()
+        M, R = np.empty((len(rows), model.nv, model.nv)), np.empty((len(rows), model.n_muscle, model.nv))
+        fill_nodes(bound.M, *bound.M_index, *bound.moment, bound.muscles, M, R)
+        return forces_from(model, bound, R, (M @ bound.qacc[:, :, None])[:, :, 0], load)
+
+    def fault(self, i: int) -> str:
+        """See `Plants`."""
+        return self._faults.get(i, "")
+
+    def _where(self, ids: Ids) -> Index:
+        return slice(None) if len(ids) == self.count else ids
+
+    def _call(self, batch: Batch, call: Callable[..., None], ids: Ids, *arguments: int) -> set[int]:
+        """Run simulations; returns those in which MuJoCo raised an error, and keeps what it said."""
+        try:
+            call(None if len(ids) == self.count else ids, *arguments)
+        except SimulationError as error:
+            self._faults.update({int(i): batch.error(int(i)) for i in error.ids})
+            return {int(i) for i in error.ids}
+        return set()
+
+    def _under(self, ids: Ids, rows: Array, reserve: Array) -> Array:
+        """The rows with reserves and loads from outside applied."""
+        start = rows.copy()
+        start[:, self._applied] = reserve
+        if self._loaded:
+            times = rows[:, [self.layout.time]]
+            start[:, self._applied] += np.concatenate([self._load(i, t) for i, t in zip(ids, times, strict=True)])
+        return start
+
+    def _load(self, i: int, times: Array) -> Array:
+        """(k, nv) external load of simulation i."""
+        external = self._externals[i]
+        return np.zeros((len(times), self._models[i].nv)) if external is None else external(times)
+
+
+class _Bound:
+    """MuJoCo's derived quantities of a batch, (nsim, ...), by MuJoCo's names; up to date after each of its calls."""
+
+    qacc: Array
+    M: Array
+    qfrc_smooth: Array
+    actuator_force: Array
+    actuator_velocity: Array
+    ten_velocity: Array
+    M_index: tuple[Any, Any, Any]
+    moment: tuple[Any, Any, Any, Any]
+
+    def __init__(self, batch: Batch, model: MuscleModel, names: Sequence[str]) -> None:
+        m = model.mj_model
+        self.muscles = m.actuator_outadr[model.muscle_ids].astype(np.intp)
+        self.M_index = m.M_rownnz.copy(), m.M_rowadr.copy(), m.M_colind.copy()
+        arm, rownnz, rowadr, colind = (batch.bind(name) for name in _MOMENTS)
+        self.moment = arm, rownnz, rowadr, colind
+        for name in names:
+            setattr(self, name, batch.bind(name))
+
+    def fiber_damping(self, model: MuscleModel, row: int) -> Array:
+        """(n_muscle,) N of one row, see `dynamics.fiber_damping`."""
+        at = SimpleNamespace(actuator_velocity=self.actuator_velocity[row], ten_velocity=self.ten_velocity[row])
+        return fiber_damping(model, at)
+
+
+def _columns(batch: Batch, name: str) -> slice:
+    """Where a field stands in the batch's state rows."""
+    field, state = batch.bind(name), batch.state
+    start = (field.__array_interface__["data"][0] - state.__array_interface__["data"][0]) // state.itemsize
+    return slice(start, start + field[0].size)
+
+
+def _as_slice(columns: NDArray[np.intp]) -> Index:
+    """The same columns as a slice where they are neighbours: quicker."""
+    together = bool((np.diff(columns) == 1).all())
+    return slice(int(columns[0]), int(columns[0]) + len(columns)) if together else columns.astype(np.intp)
+
+
+def _without(failed: set[int], ids: Ids, values: Array) -> Array:
+    """The values, NaN for simulations that failed."""
+    if failed:
+        values[[int(i) in failed for i in ids]] = np.nan
+    return values
