@@ -3,12 +3,12 @@
 After Inai, Takabayashi, Edama and Kubo (2020), formulated at the END of the control window: activation is chosen so
 that the acceleration at the window's end takes its desired value. A window goes in three:
 
-1. *Expect.* Where the window should end follows from the desired motion and the feedback (see `_Driver._aim`). There M,
-   the muscles' moments and the slopes D, K of all forces are looked at, and activation is allocated for the acceleration
-   wanted there.
+1. *Expect.* Where the window should end follows from the desired motion and the feedback (see `_Driver._aim`). There
+   M, the muscles' moments and the slopes D, K of all forces are looked at, and activation is allocated for the
+   acceleration wanted there.
 2. *Try.* The plant itself is stepped over the window with that, about twice as coarsely, and a Newton step on the
    acceleration at the end corrects the activation.
-3. *Step*, and look: where the end still misses the wanted acceleration by more than a tolerance, correct and step again.
+3. *Step*, and look: where the end still misses the wanted acceleration by more than a tolerance, correct, step again.
 
 At the end (q, v, a) of a trial with excitation u and reserve s, with qacc its acceleration and h the window, what is
 missing is the acceleration

@@ -14,10 +14,9 @@ from mjhcmc.errors import MjhcmcError, MjhcmcWarning, SettingsError, SimulationE
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.methods.hcmc import Hcmc
 from mjhcmc.methods.run import Progress, run_together
-from mjhcmc.methods.windows import Windows, prepare
+from mjhcmc.methods.windows import Bench, Windows, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
-from mjhcmc.plant import MujocoPlant
 from mjhcmc.solution import Solution
 from mjhcmc.solution_batch import SolutionBatch, agreed, one_each
 from mjhcmc.variants import check_alike, variants
@@ -101,17 +100,17 @@ def hcmc_batch(
         "cost": cost, "weights": weights, "smoothness": smoothness, "min_activation": min_activation,
         "disabled": disabled, "solver": solver,
     }  # fmt: skip
-    bench = _Bench()
+    bench: Bench | None = None
     windows: dict[int, Windows] = {}
     for i, (model, motion) in enumerate(members):
         if i in errors or model is None:
             continue
         start: dict[str, Any] = {f"initial_{name}": rows[i] for name, rows in starts.items()}
+        if bench is None or bench.plant.model is not model:
+            bench = Bench(model)
         given = moments[i if len(moments) > 1 else 0]
         try:
-            windows[i] = prepare(
-                model, motion, dt, physics_dt, **start, joint_moments=given, bench=bench.of(model), **choices
-            )
+            windows[i] = prepare(model, motion, dt, physics_dt, **start, joint_moments=given, bench=bench, **choices)
         except MjhcmcError as error:
             errors[i] = error
     if not windows:
@@ -129,19 +128,6 @@ def hcmc_batch(
     if batch.errors:
         warnings.warn(batch.failures, MjhcmcWarning, stacklevel=2)
     return batch
-
-
-class _Bench:
-    """A plant to look at states with, shared by simulations of one model."""
-
-    def __init__(self) -> None:
-        self._plant: MujocoPlant | None = None
-
-    def of(self, model: MuscleModel) -> MujocoPlant:
-        """One of that model."""
-        if self._plant is None or self._plant.model is not model:
-            self._plant = MujocoPlant(model)
-        return self._plant
 
 
 def _threads(given: int | None) -> int:
