@@ -27,16 +27,16 @@ TRIALS = (1, 2, 3)
 _SETTLED = 1e-6  # a change of activation too small to tell a ratio from rounding
 
 
-def effective_mass(a0, u, s, a, r, B, M, D, K, kp, kv, prm, step, n_step, answers, wanted, Q) -> None:  # type: ignore[no-untyped-def]
+def effective_mass(*arguments: Any) -> None:
     """In place of `correction._linearize`: E qacc = [B, 1], qvel = h/2 qacc, qpos = h^2/6 qacc."""
-    INTEGRATED(a0, u, s, a, r, B, M, D, K, kp, kv, prm, step, n_step, answers, wanted, Q)
-    if n_step == 0:
-        return
-    n, h = B.shape[1], step * n_step
-    c = 1 + kv * h / 2 + kp * h**2 / 6
-    E = M + h / 2 * D + h**2 / 6 * K
-    answers[:] = (E / c) @ (c[:, None] * np.linalg.solve(E, np.hstack([B, np.eye(len(M))])))
-    Q[:] = B @ a + answers[:, n:] @ s
+    INTEGRATED(*arguments)
+    first, last, _, _, s, a, _, B, M, D, K, kp, kv, _, step, n_step, answers, _, Q, _ = arguments
+    for b in range(first, last if n_step else first):
+        n, h = B.shape[2], step * n_step
+        c = 1 + kv[b] * h / 2 + kp[b] * h**2 / 6
+        E = M[b] + h / 2 * D[b] + h**2 / 6 * K[b]
+        answers[b] = (E / c) @ (c[:, None] * np.linalg.solve(E, np.hstack([B[b], np.eye(len(E))])))
+        Q[b] = B[b] @ a[b] + answers[b][:, n:] @ s[b]
 
 
 INTEGRATED = correction._linearize
@@ -92,8 +92,7 @@ def markdown() -> str:
         motion = mjhcmc.Motion.cosine(model, movement)
         for name, response in PREDICTIONS.items():
             for trials in TRIALS:
-                # compiled code would not see the swap: what calls the response runs as plain Python
-                with swapped("_linearize", response), swapped("_correct", correction._correct.py_func):
+                with swapped("_linearize", response):
                     solution, contraction = solve(model, motion, dt, trials)
                 largest = np.rad2deg(np.abs(solution.tracking_error).max(axis=0))
                 change = float(np.abs(np.diff(solution.excitation, axis=0)).mean())

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from itertools import pairwise
 
 _LEAST = 16  # simulations a thread: for fewer, waking it takes longer
 
@@ -23,10 +24,7 @@ def in_chunks(work: Callable[[int, int], None], count: int, threads: int) -> Non
         work(0, count)
         return
     bounds = [count * c // chunks for c in range(chunks + 1)]
-    others = [
-        _pool(chunks - 1, os.getpid()).submit(work, first, last)
-        for first, last in zip(bounds[1:-1], bounds[2:], strict=True)
-    ]
+    others = [_pool(chunks - 1, os.getpid()).submit(work, first, last) for first, last in pairwise(bounds[1:])]
     work(0, bounds[1])
     for other in others:
         other.result()

@@ -124,18 +124,21 @@ def correct(
     """
     b, nv, n = trial.B.shape
     answers, wanted, Q = np.empty((b, nv, n + nv)), np.empty((b, nv)), np.empty((b, nv))
-    low, high, activation, excitation = (np.empty((b, n)) for _ in range(4))
+    low, high, excitation = np.empty((b, n)), np.empty((b, n)), np.empty((b, n))
     shortfall, rate, state = np.empty((b, nv)), np.empty(b), np.empty(b, dtype=np.int64)
     w, a0, cubic = sharing.weigh(trial.gain, trial.bias, trial.start_activation)
-    ours = sharing.solver == NEWTON and cubic is None
+    ours, close = sharing.solver == NEWTON and cubic is None, _CLOSE if trial.n_step else _NEAR
 
     def chunk(first: int, last: int) -> None:
-        _correct(
+        _linearize(
             first, last, trial.start_activation, trial.excitation, trial.reserve, trial.activation, trial.missing,
-            trial.B, trial.M, trial.D, trial.K, trial.kp, trial.kv, trial.step, trial.n_step, reach.parameters,
-            reach.excitation_range, reach.step, reach.n_step, sharing.min_activation, sharing.disabled, w, a0,
-            ELASTICITY, reserves, ours, price, answers, wanted, Q, low, high, activation, excitation, shortfall, rate,
-            state,
+            trial.B, trial.M, trial.D, trial.K, trial.kp, trial.kv, reach.parameters, trial.step, trial.n_step, answers,
+            wanted, Q, rate,
+        )  # fmt: skip
+        _share(
+            first, last, trial.start_activation, trial.reserve, trial.activation, trial.B, trial.M, reach.parameters,
+            reach.excitation_range, reach.step, reach.n_step, close, sharing.min_activation, sharing.disabled, w, a0,
+            ELASTICITY, reserves, ours, price, answers, wanted, Q, low, high, excitation, shortfall, state,
         )  # fmt: skip
 
     in_chunks(chunk, b, threads)
@@ -180,165 +183,135 @@ def _share_by(
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _correct(  # type: ignore[no-untyped-def]
-    first, last, a_start, u, s, a_end, r, B, M, D, K, kp, kv, trial_step, trial_n, prm, limits, step, n_step, least,
-    off, w, a0, elasticity, reserves, ours, price, answers, wanted, Q, low, high, activation, excitation, shortfall,
-    rate, state,
+def _linearize(  # type: ignore[no-untyped-def]
+    first, last, a_start, u, s, a_end, r, B, M, D, K, kp, kv, prm, step, n_step, answers, wanted, Q, rate
 ):  # fmt: skip
-    """Simulations first to last of `correct`."""
+    """Fill answers = N [X Y] (b, nv, n + nv), wanted = N r, Q = B a + T s and rate, from simulation first to last."""
     nv, n = B.shape[1:]
-    used, decay, moved = np.empty((nv, nv)), np.empty((nv, nv)), np.empty(nv)
-    for i in range(first, last):
-        _linearize(
-            a_start[i], u[i], s[i], a_end[i], r[i], B[i], M[i], D[i], K[i], kp[i], kv[i], prm[i], trial_step, trial_n,
-            answers[i], wanted[i], Q[i],
-        )  # fmt: skip
-        mean = 0.0
-        for m in range(n):
-            p = prm[i, m]
-            low[i, m] = advance_one(a_start[i, m], limits[i, m, 0], p[0], p[1], p[2], step, n_step)
-            high[i, m] = advance_one(a_start[i, m], limits[i, m, 1], p[0], p[1], p[2], step, n_step)
-            mean += w[i, m] / n
-        close = _NEAR if trial_n == 0 else _CLOSE
-        for j in range(nv):
-            for k in range(nv):
-                used[j, k], decay[j, k] = M[i, j, k], D[i, j, k]
+    h = step * n_step
+    phi = np.empty((n_step + 1, n))
+    acc, vel, pos = np.empty((nv, n + nv)), np.empty((nv, n + nv)), np.empty((nv, n + nv))
+    N, used, decay = np.empty((nv, nv)), np.empty((nv, nv)), np.empty((nv, nv))
+    for b in range(first, last):
+        if n_step > 0:
+            fill_build_up(a_start[b], u[b], prm[b], step, n_step, phi)
+            fill_response(M[b], D[b], K[b], B[b], phi, step, acc, vel, pos)
+        for i in range(nv):
+            for j in range(nv):
+                c = 1.0 + kv[b, j] * h / 2 + kp[b, j] * h * h / 6
+                N[i, j] = (M[b, i, j] + h / 2 * D[b, i, j] + h * h / 6 * K[b, i, j]) / c
+                used[i, j], decay[i, j] = M[b, i, j], D[b, i, j]
+        for i in range(nv):
+            wanted[b, i], Q[b, i] = 0.0, 0.0
+            for m in range(n + nv):
+                total = 0.0
+                if n_step > 0:
+                    for j in range(nv):
+                        total += N[i, j] * (acc[j, m] + kv[b, j] * vel[j, m] + kp[b, j] * pos[j, m])
+                elif m < n:  # at a fixed state
+                    total = B[b, i, m]
+                elif m - n == i:
+                    total = 1.0
+                answers[b, i, m] = total
+            for m in range(n):
+                Q[b, i] += B[b, i, m] * a_end[b, m]
+            for j in range(nv):
+                wanted[b, i] += N[i, j] * r[b, j]
+                Q[b, i] += answers[b, i, n + j] * s[b, j]
         solve_in_place(used, decay)
-        rate[i] = 0.0
+        rate[b] = 0.0
         for j in range(nv):
             total = 0.0
             for k in range(nv):
                 total += abs(decay[j, k])
-            rate[i] = max(rate[i], total)
-            moved[j] = Q[i, j]
-        state[i] = _OPEN
+            rate[b] = max(rate[b], total)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _share(  # type: ignore[no-untyped-def]
+    first, last, a_start, s_end, a_end, B, M, prm, limits, step, n_step, close, least, off, w, a0, elasticity, reserves,
+    ours, price, answers, wanted, Q, low, high, excitation, shortfall, state,
+):  # fmt: skip
+    """Move Q until A da + T ds = N r holds, and find the excitations; _OPEN where the allocation is no routine one."""
+    nv, n = B.shape[1:]
+    P, T, left = np.empty((nv, nv)), np.empty((nv, nv)), np.empty((nv, 1))
+    rows, lb, ub, a = np.empty((nv, n)), np.empty(n), np.empty(n), np.empty(n)
+    s, target, missing, moved, y = np.empty(nv), np.empty(nv), np.empty(nv), np.empty(nv), np.empty(nv)
+    for b in range(first, last):
+        state[b] = _OPEN
+        mean = 0.0
+        for m in range(n):
+            act, deact, smooth = prm[b, m, 0], prm[b, m, 1], prm[b, m, 2]
+            low[b, m] = advance_one(a_start[b, m], limits[b, m, 0], act, deact, smooth, step, n_step)
+            high[b, m] = advance_one(a_start[b, m], limits[b, m, 1], act, deact, smooth, step, n_step)
+            lb[m] = min(max(low[b, m], least[b, m]), high[b, m])
+            ub[m] = lb[m] if off[b, m] else high[b, m]
+            mean += w[b, m] / n
         if not ours:
             continue
-        lb, ub = np.empty(n), np.empty(n)
-        for m in range(n):
-            lb[m] = min(max(low[i, m], least[i, m]), high[i, m])
-            ub[m] = lb[m] if off[i, m] else high[i, m]
-        if not _share(
-            answers[i], wanted[i], moved, a_end[i], s[i], B[i], M[i], reserves, lb, ub, w[i], a0[i], elasticity / mean,
-            price[i], activation[i], shortfall[i],
-        ):  # fmt: skip
-            continue
-        state[i] = _SETTLED
-        for m in range(n):
-            p = prm[i, m]
-            excitation[i, m] = invert_one(
-                a_start[i, m], activation[i, m], limits[i, m, 0], limits[i, m, 1], low[i, m], high[i, m], p[0], p[1],
-                p[2], step, n_step, close,
-            )  # fmt: skip
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _linearize(a0, u, s, a, r, B, M, D, K, kp, kv, prm, step, n_step, answers, wanted, Q):  # type: ignore[no-untyped-def]
-    """Fill answers = N [X Y] (nv, n + nv), wanted = N r and Q = B a + T s."""
-    nv, n = B.shape
-    if n_step == 0:  # at a fixed state
         for i in range(nv):
-            wanted[i], Q[i] = 0.0, s[i]
             for j in range(nv):
-                wanted[i] += M[i, j] * r[j]
-                answers[i, n + j] = 1.0 if i == j else 0.0
-            for m in range(n):
-                answers[i, m] = B[i, m]
-                Q[i] += B[i, m] * a[m]
-        return
-    h = step * n_step
-    phi = np.empty((n_step + 1, n))
-    fill_build_up(a0, u, prm, step, n_step, phi)
-    acc, vel, pos = np.empty((nv, n + nv)), np.empty((nv, n + nv)), np.empty((nv, n + nv))
-    fill_response(M, D, K, B, phi, step, acc, vel, pos)
-    N = np.empty((nv, nv))
-    for i in range(nv):
-        for j in range(nv):
-            c = 1.0 + kv[j] * h / 2 + kp[j] * h * h / 6
-            N[i, j] = (M[i, j] + h / 2 * D[i, j] + h * h / 6 * K[i, j]) / c
-    for i in range(nv):
-        wanted[i], Q[i] = 0.0, 0.0
-        for j in range(nv):
-            wanted[i] += N[i, j] * r[j]
-        for m in range(n + nv):
+                P[i, j], T[i, j] = 0.0, answers[b, i, n + j]
+            if reserves:
+                P[i, i] = 1.0 / np.sqrt(M[b, i, i])
+            missing[i], moved[i], y[i] = wanted[b, i], Q[b, i], price[b, i]
+        if not reserves:
+            whitening(M[b], P)
+        strength = 0.0
+        for i in range(nv):
             total = 0.0
-            for j in range(nv):
-                total += N[i, j] * (acc[j, m] + kv[j] * vel[j, m] + kp[j] * pos[j, m])
-            answers[i, m] = total
-        for m in range(n):
-            Q[i] += B[i, m] * a[m]
-        for j in range(nv):
-            Q[i] += answers[i, n + j] * s[j]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _share(answers, wanted, Q, a_end, s_end, B, M, reserves, lb, ub, w, a0, eps, price, activation, shortfall):  # type: ignore[no-untyped-def]
-    """Move Q until A da + T ds = N r holds; False where the allocation is no routine one."""
-    nv, n = B.shape
-    P = np.zeros((nv, nv))
-    if reserves:
-        for i in range(nv):
-            P[i, i] = 1.0 / np.sqrt(M[i, i])
-    else:
-        whitening(M, P)
-    rows = np.zeros((nv, n))
-    strength = 0.0
-    for i in range(nv):
-        total = 0.0
-        for m in range(n):
-            for j in range(nv):
-                rows[i, m] += P[i, j] * B[j, m]
-            total += abs(rows[i, m])
-        strength = max(strength, total)
-    if strength <= _NO_STRENGTH:
-        strength = 1.0
-    for i in range(nv):
-        for j in range(nv):
-            P[i, j] /= strength
-        for m in range(n):
-            rows[i, m] /= strength
-    s, target, missing = np.empty(nv), np.empty(nv), np.empty(nv)
-    for i in range(nv):
-        missing[i] = wanted[i]
-    a = np.empty(n)
-    for _ in range(_MOST_REFINEMENTS):
-        for i in range(nv):
-            Q[i] += missing[i]
-        for i in range(nv):
-            target[i] = 0.0
-            for j in range(nv):
-                target[i] += P[i, j] * Q[j]
-            if not abs(target[i]) < np.inf:
-                return False
-        iterations = newton(rows, target, lb, ub, w, a0, eps, price, a)
-        most, least = 0.0, 0.0
-        for i in range(nv):
-            s[i] = Q[i]
             for m in range(n):
-                s[i] -= B[i, m] * a[m]
+                rows[i, m] = 0.0
+                for j in range(nv):
+                    rows[i, m] += P[i, j] * B[b, j, m]
+                total += abs(rows[i, m])
+            strength = max(strength, total)
+        if strength <= _NO_STRENGTH:
+            strength = 1.0
         for i in range(nv):
-            priced = 0.0
-            missing[i] = wanted[i] - s[i]
             for j in range(nv):
-                priced += P[i, j] * s[j]
-                missing[i] += answers[i, n + j] * s_end[j]
+                P[i, j] /= strength
             for m in range(n):
-                missing[i] -= answers[i, m] * (a[m] - a_end[m])
-            if abs(priced) > _LARGE_RESERVE:
-                return False
-            most, least = max(most, abs(missing[i])), max(least, abs(wanted[i]))
-        if iterations < 0:
-            return False
-        if most <= _REFINED * least:
-            break
-    T, left = np.empty((nv, nv)), np.empty((nv, 1))
-    for i in range(nv):
-        left[i, 0] = s[i]
-        for j in range(nv):
-            T[i, j] = answers[i, n + j]
-    solve_in_place(T, left)
-    for i in range(nv):
-        shortfall[i] = left[i, 0]
-    for m in range(n):
-        activation[m] = a[m]
-    return True
+                rows[i, m] /= strength
+        routine = True
+        for _ in range(_MOST_REFINEMENTS):
+            for i in range(nv):
+                moved[i] += missing[i]
+            for i in range(nv):
+                target[i] = 0.0
+                for j in range(nv):
+                    target[i] += P[i, j] * moved[j]
+                routine = routine and abs(target[i]) < np.inf
+            if not routine:
+                break
+            routine = newton(rows, target, lb, ub, w[b], a0[b], elasticity / mean, y, a) >= 0
+            most, most_wanted = 0.0, 0.0
+            for i in range(nv):
+                s[i] = moved[i]
+                for m in range(n):
+                    s[i] -= B[b, i, m] * a[m]
+            for i in range(nv):
+                priced = 0.0
+                missing[i] = wanted[b, i] - s[i]
+                for j in range(nv):
+                    priced += P[i, j] * s[j]
+                    missing[i] += T[i, j] * s_end[b, j]
+                for m in range(n):
+                    missing[i] -= answers[b, i, m] * (a[m] - a_end[b, m])
+                routine = routine and abs(priced) <= _LARGE_RESERVE
+                most, most_wanted = max(most, abs(missing[i])), max(most_wanted, abs(wanted[b, i]))
+            if not routine or most <= _REFINED * most_wanted:
+                break
+        if not routine:
+            continue
+        state[b] = _SETTLED
+        for i in range(nv):
+            left[i, 0], price[b, i] = s[i], y[i]
+        solve_in_place(T, left)
+        for i in range(nv):
+            shortfall[b, i] = left[i, 0]
+        for m in range(n):
+            excitation[b, m] = invert_one(
+                a_start[b, m], a[m], limits[b, m, 0], limits[b, m, 1], low[b, m], high[b, m], prm[b, m, 0],
+                prm[b, m, 1], prm[b, m, 2], step, n_step, close,
+            )  # fmt: skip

@@ -315,13 +315,10 @@ class _Driver:
         layout, settings, h = self._layout, self._settings, self._team.dt
         qacc = self._qacc_at[at]
         kp, kv, goal, expected = np.empty_like(qacc), np.empty_like(qacc), np.empty_like(qacc), rows.copy()
-        _fill_gains(
-            self._M[at], self._B[at], self._qpos[k, at], self._qvel[k, at], rows, layout.qpos.start, layout.qvel.start,
-            self._least_authority[at], float(settings.authority), float(settings.gain), h, kp, kv,
-        )  # fmt: skip
-        _fill_end(
-            self._qpos[k + 1, at], self._qvel[k + 1, at], self._qacc[k + 1, at], qacc, kp, kv, h, layout.qpos.start,
-            layout.qvel.start, goal, expected,
+        _fill_aim(
+            self._M[at], self._B[at], self._qpos[k, at], self._qvel[k, at], self._qpos[k + 1, at],
+            self._qvel[k + 1, at], self._qacc[k + 1, at], qacc, layout.qpos.start, layout.qvel.start,
+            self._least_authority[at], float(settings.authority), float(settings.gain), h, kp, kv, goal, expected,
         )  # fmt: skip
         expected[:, layout.time] += h
         expected[:, layout.activation] = np.clip(2 * activation - self._before[at], 0.0, 1.0)
@@ -387,7 +384,10 @@ def _finite(*parts: Array) -> bool:
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _fill_gains(M, B, qpos, qvel, rows, q0, v0, least, authority, gain, h, kp, kv):  # type: ignore[no-untyped-def]
+def _fill_aim(  # type: ignore[no-untyped-def]
+    M, B, qpos, qvel, next_qpos, next_qvel, next_qacc, at_start, q0, v0, least, authority, gain, h, kp, kv, goal, rows
+):  # fmt: skip
+    """Fill kp, kv and goal (b, nv), and move the rows (b, n_row) from the start to the expected end."""
     b, nv, n = B.shape
     used, reach = np.empty((nv, nv)), np.empty((nv, n))
     for s in range(b):
@@ -403,7 +403,8 @@ def _fill_gains(M, B, qpos, qvel, rows, q0, v0, least, authority, gain, h, kp, k
                 up += max(reach[j, i], 0.0)
                 down += max(-reach[j, i], 0.0)
             alpha = max(authority * min(up, down), least[s, j])
-            e, e_rate = abs(qpos[s, j] - rows[s, q0 + j]), abs(qvel[s, j] - rows[s, v0 + j])
+            q, v, a = rows[s, q0 + j], rows[s, v0 + j], at_start[s, j]
+            e, e_rate = abs(qpos[s, j] - q), abs(qvel[s, j] - v)
             denominator = e_rate + np.sqrt(e_rate * e_rate + alpha * e)
             w = gain / h
             damped = 1.0 - gain / 6.0
@@ -411,16 +412,9 @@ def _fill_gains(M, B, qpos, qvel, rows, q0, v0, least, authority, gain, h, kp, k
                 w, damped = alpha / denominator, 1.0
             kp[s, j] = w * w
             kv[s, j] = 2.0 * w * damped
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _fill_end(qpos, qvel, qacc, at_start, kp, kv, h, q0, v0, goal, rows):  # type: ignore[no-untyped-def]
-    for s in range(goal.shape[0]):
-        for j in range(goal.shape[1]):
-            q, v, a = rows[s, q0 + j], rows[s, v0 + j], at_start[s, j]
-            v_error = qvel[s, j] - v - h / 2 * a
-            q_error = qpos[s, j] - q - h * v - h * h / 3 * a
-            c = 1 + kv[s, j] * h / 2 + kp[s, j] * h * h / 6
-            goal[s, j] = (qacc[s, j] + kv[s, j] * v_error + kp[s, j] * q_error) / c
+            v_error = next_qvel[s, j] - v - h / 2 * a
+            q_error = next_qpos[s, j] - q - h * v - h * h / 3 * a
+            c = 1.0 + kv[s, j] * h / 2 + kp[s, j] * h * h / 6
+            goal[s, j] = (next_qacc[s, j] + kv[s, j] * v_error + kp[s, j] * q_error) / c
             rows[s, v0 + j] = v + h / 2 * (a + goal[s, j])
             rows[s, q0 + j] = q + h * v + h * h / 3 * a + h * h / 6 * goal[s, j]
