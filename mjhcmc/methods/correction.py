@@ -6,6 +6,8 @@ windows with large reserves, whose optimum needs care, go step by step. One or m
 
 from __future__ import annotations
 
+from contextlib import suppress
+from dataclasses import replace
 from typing import NamedTuple
 
 import numba
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from mjhcmc.activation import advance_one, excitation_for, invert_one
 from mjhcmc.allocation import ELASTICITY
+from mjhcmc.allocation_batch import AllocationStatus, allocate_many, build_batch
 from mjhcmc.allocation_kernels import newton
 from mjhcmc.chunks import in_chunks
 from mjhcmc.dynamics import MuscleMoments
@@ -143,31 +146,81 @@ def correct(
 
     in_chunks(chunk, b, threads)
     errors: dict[int, SimulationError] = {}
-    for i in [] if state.all() else np.flatnonzero(state != _SETTLED).tolist():
-        try:
-            goal, shortfall[i] = _share_by(
-                trial, i, sharing.of(i), answers[i], wanted[i], Q[i], low[i], high[i], reserves
-            )
-        except SimulationError as error:
-            errors[int(i)] = error
-            continue
-        parts = (reach.parameters[i], reach.step, reach.n_step, reach.excitation_range[i])
-        excitation[i] = excitation_for(trial.start_activation[i], goal, *parts)
+    if not state.all():
+        open_ = np.flatnonzero(state != _SETTLED)
+        goal = np.full((b, n), np.nan)
+        program = _Program(answers, wanted, Q, low, high)
+        rest = (
+            _share_carefully(open_, trial, sharing, program, (w, a0, price), goal, shortfall, reserves)
+            if ours
+            else open_
+        )
+        for i in rest.tolist():
+            try:
+                goal[i], shortfall[i] = _share_by(i, trial, sharing.of(i), program, reserves)
+            except SimulationError as error:
+                errors[i] = error
+                excitation[i], shortfall[i] = 0.0, 0.0
+        for i in open_.tolist():
+            if i not in errors:
+                parts = (reach.parameters[i], reach.step, reach.n_step, reach.excitation_range[i])
+                excitation[i] = excitation_for(trial.start_activation[i], goal[i], *parts)
     return Correction(sharing.excitation(excitation), shortfall, errors, rate)
 
 
-def _share_by(
+class _Program(NamedTuple):
+    """What `_linearize` found, with the bounds: answers (b, nv, n + nv), wanted, Q (b, nv), low, high (b, n)."""
+
+    answers: Array
+    wanted: Array
+    Q: Array
+    low: Array
+    high: Array
+
+
+def _share_carefully(
+    which: NDArray[np.intp],
     trial: Trial,
-    i: int,
     sharing: Sharing,
-    answers: Array,
-    wanted: Array,
-    Q: Array,
-    low: Array,
-    high: Array,
+    program: _Program,
+    cost: tuple[Array, Array, Array],
+    goal: Array,
+    shortfall: Array,
     reserves: bool,
-) -> tuple[Array, Array]:
-    """As `_share`, of one simulation by any solver and with proof."""
+) -> NDArray[np.intp]:
+    """As `_share`, where reserves are large: every allocation is refined and proven.
+
+    Fills goal and shortfall; returns the simulations whose allocation is still open.
+    """
+    n = goal.shape[1]
+    answers, wanted, Q, low, high = (part[which] for part in program)
+    w, a0, price = (part[which] for part in cost)
+    A, T = answers[:, :, :n], answers[:, :, n:]
+    M, B, a_end, s_end = (part[which] for part in (trial.M, trial.B, trial.activation, trial.reserve))
+    inertia = np.stack([reserve_price(one, reserves=reserves) for one in M])
+    lb, ub = sharing.of(which).bounds(low, high)
+    batch = build_batch(B, Q, lb, ub, inertia=inertia, w=w, a0=a0)
+    missing = wanted
+    for _ in range(_MOST_REFINEMENTS):
+        batch = replace(batch, Q=batch.Q + missing)
+        found = allocate_many(batch, price)
+        price = found.multiplier
+        change = A @ (found.activation - a_end)[:, :, None] - T @ s_end[:, :, None]
+        left = wanted - change[:, :, 0] - found.reserve
+        rough = np.abs(left).max(axis=1) > _REFINED * np.abs(wanted).max(axis=1)
+        if not rough.any():
+            break
+        missing = np.where(rough[:, None], left, 0.0)
+    with suppress(np.linalg.LinAlgError):
+        shortfall[which] = np.linalg.solve(T, found.reserve[:, :, None])[:, :, 0]
+        goal[which], cost[2][which] = found.activation, price
+        return which[found.status > AllocationStatus.BY_BACK_END]
+    return which
+
+
+def _share_by(i: int, trial: Trial, sharing: Sharing, program: _Program, reserves: bool) -> tuple[Array, Array]:
+    """As `_share`, of one simulation by any solver and for any cost."""
+    answers, wanted, Q, low, high = (part[i] for part in program)
     n = len(low)
     A, T = answers[:, :n], answers[:, n:]
     missing = wanted
@@ -179,7 +232,10 @@ def _share_by(
         missing = wanted - A @ (found.activation - trial.activation[i]) - (found.reserve - T @ trial.reserve[i])
         if np.abs(missing).max(initial=0.0) <= _REFINED * np.abs(wanted).max(initial=0.0):
             break
-    return found.activation, np.asarray(np.linalg.solve(T, found.reserve))
+    try:
+        return found.activation, np.asarray(np.linalg.solve(T, found.reserve))
+    except np.linalg.LinAlgError as error:
+        raise SimulationError("reserves do not move the joints: the simulation has diverged") from error
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

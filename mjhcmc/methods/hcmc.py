@@ -49,6 +49,7 @@ from mjhcmc.methods.windows import Windows, check_flag, decay_rate, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
 from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State
+from mjhcmc.qp_back_ends import NEWTON
 from mjhcmc.sharing import together
 from mjhcmc.small_linear import solve_in_place
 from mjhcmc.solution import Solution
@@ -57,7 +58,9 @@ _LARGEST_GAIN = 3.0  # beyond, the sampled error rings or grows
 _STABLE = 2.0  # step times decay rate up to which a trial may step coarsely; Runge-Kutta's limit is 2.78
 _USUAL_DT = 0.01  # s
 _STIFFNESS_EVERY = 8  # windows
-_UNSEEN = 1e-9  # rad or m: a miss of the position that is not worth a second trial
+_OF_OTHERS = 0.05  # of the rms acceleration of the joints that move most
+_SUSPECT = 0.7  # of the rate that is stable: how far from it the expected end may be
+_RUN_AWAY = 1.0  # times the largest acceleration of the motion
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.intp]
@@ -159,7 +162,7 @@ class Hcmc:
     def __post_init__(self) -> None:
         """Check the settings."""
         check_flag("reserves", self.reserves)
-        if not isinstance(self.trials, (int, np.integer)) or self.trials < 1:
+        if not isinstance(self.trials, (int, np.integer)) or isinstance(self.trials, bool) or self.trials < 1:
             raise SettingsError(f"trials must be at least 1; got {self.trials!r}")
         if not (is_number(self.tolerance) and 0 <= self.tolerance < np.inf):
             raise SettingsError(f"tolerance must be 0 or positive; got {self.tolerance!r}")
@@ -237,8 +240,12 @@ class _Driver:
         )
         rms = np.stack([w.rms_qacc for w in windows])
         self._least_authority = rms if settings.reserves else np.zeros_like(rms)
+        self._largest = np.abs(self._qacc).max(axis=(0, 2))
         share = settings.tolerance * min(1.0, (team.dt / _USUAL_DT) ** 2)
-        self._missable = np.maximum(share * rms, 6 * _UNSEEN / team.dt**2 if share else 0.0)
+        # a joint held still is judged by those that move
+        hinge = np.stack([m.joint_is_rotation for m in models])
+        others = np.where(hinge, (rms * hinge).max(axis=1)[:, None], (rms * ~hinge).max(axis=1)[:, None])
+        self._missable = share * np.maximum(rms, _OF_OTHERS * others)
         self._M, self._B, self._K = np.empty((b, nv, nv)), np.empty((b, nv, n)), np.empty((b, nv, nv))
         self._qacc_at, self._before, self._price = np.empty((b, nv)), np.empty((b, n)), np.zeros((b, nv))
 
@@ -260,6 +267,12 @@ class _Driver:
         final: Array | None = None
         whom: Index = slice(None)  # which of the call's simulations are corrected
         for trial in range(settings.trials):
+            if trial > 0:  # the end that was expected is not where it ended
+                there = plants.linearize(
+                    here.ids, ends, team.reserve[here.at], stiffness=True, damping=self._sharing.counts_forces
+                )
+                here = here._replace(around=there)
+                self._keep(here.at, there)
             self._correct(here, ends, self._missing(here, ends, qacc), step, n_step)
             ends = plants.step(here.ids, here.rows, team.excitation[here.at], team.reserve[here.at], team.n_step)
             step, n_step = team.physics_dt, team.n_step
@@ -279,6 +292,7 @@ class _Driver:
                 here, ends, qacc = here.some(again), ends[again], qacc[again]
         self._before[at] = activation
         assert final is not None  # there is at least one trial
+        self._look_at_stiff(k, ids, at, final)
         return final
 
     def _which(self, ids: Ids) -> Index:
@@ -290,6 +304,25 @@ class _Driver:
         found = self._team.plants.linearize(ids, rows, self._team.reserve[at])
         self._keep(at, found)
         self._qacc_at[at], self._before[at] = found.qacc, rows[:, self._layout.activation]
+
+    def _look_at_stiff(self, k: int, ids: Ids, at: Index, ends: Array) -> None:
+        """Where the muscles may be too stiff for the physics step, tell by the ends themselves.
+
+        An end where they are, and where acceleration is far from any that was wanted, has run away though it is finite:
+        it becomes NaN.
+        """
+        team, limit = self._team, RK4_LIMIT / self._team.physics_dt
+        suspect = np.flatnonzero(team.fastest_rate[at] > _SUSPECT * limit)
+        if not suspect.size:
+            return
+        who = ids[suspect]
+        found = team.plants.linearize(who, ends[suspect], team.reserve[who])
+        for j, i in enumerate(who.tolist()):
+            if _finite(found.M[j], found.D[j]):
+                team.fastest_rate[i] = decay_rate(found.M[j], found.D[j])
+            missed = np.abs(self._qacc[k + 1, i] - found.qacc[j]).max()
+            if team.fastest_rate[i] > limit and not missed <= _RUN_AWAY * self._largest[i]:
+                ends[suspect[j]] = np.nan
 
     def _keep(self, at: Index, found: Linearization) -> None:
         self._M[at], self._B[at] = found.M, found.B
@@ -368,15 +401,13 @@ class _Driver:
         )
         self._price[at] = price
         for j, error in correction.errors.items():
-            i, finite = int(here.ids[j]), _finite(missing[j], found.B[j], found.D[j])
-            team.errors[i] = error if finite else diverged(team.windows[i], here.k)
+            i, ours = int(here.ids[j]), self._sharing.solver == NEWTON and self._sharing.cost != "cubic"
+            if ours or not _finite(missing[j], found.B[j], found.D[j]):  # ours does not fail where numbers make sense
+                error = diverged(team.windows[i], here.k)
+            team.errors.setdefault(i, error)
         team.excitation[at], team.shortfall[at] = correction.excitation, correction.shortfall
         team.reserve[at] = correction.shortfall if self._settings.reserves else 0.0
-        rate = correction.fastest_rate
-        for j in np.flatnonzero(rate > RK4_LIMIT / team.physics_dt).tolist():
-            if _finite(found.M[j], found.D[j]):
-                rate[j] = decay_rate(found.M[j], found.D[j])
-        team.fastest_rate[at] = rate
+        team.fastest_rate[at] = correction.fastest_rate
 
 
 def _finite(*parts: Array) -> bool:
