@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjhcmc.allocation import ELASTICITY, Allocation, AllocationProblem, comparable, reserves_of, rows_of
 from mjhcmc.allocation_hard import decide
 from mjhcmc.allocation_proof import PROVEN, settle_many
+from mjhcmc.checks import is_number
 from mjhcmc.errors import SettingsError
 
 Array = NDArray[np.float64]
@@ -158,6 +159,8 @@ def build_batch(
         SettingsError: an array of the wrong shape, a weight that is not positive, bounds that cross, or an inertia
             that is not positive definite.
     """
+    if not (is_number(elasticity) and 0 < elasticity < np.inf):
+        raise SettingsError(f"elasticity must be a positive number; got {elasticity!r}")
     moments = _numbers("B", B)
     if moments.ndim != 3:
         raise SettingsError(f"B of a batch has shape {moments.shape}: it must be (problems, joints, muscles)")

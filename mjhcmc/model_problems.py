@@ -150,6 +150,9 @@ def _muscle_problems(m: Any, i: int) -> Iterator[tuple[str, str]]:
         yield "has actearly, so its force depends on excitation", "remove actearly"
     if m.actuator_delay[i] > 0:
         yield f"has a delay of {m.actuator_delay[i]:g} s", "remove delay"
+    act, deact = m.actuator_dynprm[i, :2]
+    if not (act > 0 and deact > 0):
+        yield f"has time constants {act:g} and {deact:g} s", "give positive ones (timeconst)"
     low, high = m.actuator_ctrlrange[i]
     if m.actuator_ctrllimited[i] and not max(low, 0) < min(high, 1):
         yield f"has ctrlrange {_range((low, high))}, which leaves nothing of 0..1", "set ctrlrange to 0 1"

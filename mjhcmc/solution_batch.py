@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -63,6 +64,10 @@ class SolutionBatch:
         """Number of simulations."""
         return len(self.solved) + len(self.errors)
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"SolutionBatch({len(self)} simulations, {len(self.solved)} solved)"
+
     def __getitem__(self, i: int) -> Solution:
         """The solution of simulation i; negative from the end.
 
@@ -70,6 +75,7 @@ class SolutionBatch:
             MjhcmcError: the simulation failed.
             IndexError: there is none of that number.
         """
+        i = operator.index(i)
         at = i + len(self) if i < 0 else i
         if not 0 <= at < len(self):
             raise IndexError(f"simulation {i} of {len(self)}")

@@ -33,6 +33,12 @@ _SIZES = (
 )
 
 
+_STRUCTURE = (
+    "body_parentid", "jnt_type", "jnt_qposadr", "dof_parentid", "dof_jntid", "actuator_dyntype", "actuator_ctrladr",
+    "actuator_actadr", "actuator_outadr", "actuator_trntype", "actuator_trnid", "M_rownnz", "M_rowadr", "M_colind",
+)  # fmt: skip
+
+
 def variants(model: MuscleModel, parameters: Mapping[str, ArrayLike]) -> Iterator[MuscleModel | ModelError]:
     """The model with other numbers, once for each row of the parameters.
 
@@ -49,6 +55,8 @@ def variants(model: MuscleModel, parameters: Mapping[str, ArrayLike]) -> Iterato
     Raises:
         SettingsError: no parameters, an unknown field, values of the wrong shape, or of different numbers of rows.
     """
+    if not isinstance(parameters, Mapping):
+        raise SettingsError(f"parameters must map names of fields to rows of values; got {type(parameters).__name__}")
     values = {name: _values(model, name, given) for name, given in parameters.items()}
     counts = {name: len(array) for name, array in values.items()}
     if not counts:
@@ -98,11 +106,31 @@ def _variant(model: MuscleModel, fields: Mapping[str, NDArray[np.float64]]) -> M
             at = ", ".join(map(str, bad[0]))
             raise ModelError(f"model {model.name!r}: {name}[{at}] is {value[tuple(bad[0])]}: give finite values")
         getattr(m, name)[:] = value
-    mujoco.mj_setConst(m, mujoco.MjData(m))
+    data = mujoco.MjData(m)
+    mujoco.mj_setConst(m, data)
+    for name, value in fields.items():
+        if not np.array_equal(getattr(m, name), value):
+            raise SettingsError(
+                f"parameters: {name} follows from other fields of MjModel: give those, such as 'body_mass'"
+            )
+    _check_inertia(m, data, model.name)
     problems = find_problems(m, model.name)
     if problems:
         raise ModelError(problems[0].message(model.name))
     return read_model(m, model.name)
+
+
+def _check_inertia(m: Any, data: Any, name: str) -> None:
+    """Refuse a mass matrix, at the reference pose, that is not positive definite."""
+    mujoco.mj_forward(m, data)
+    M = np.empty((m.nv, m.nv))
+    mujoco.mj_fullM(m, data, M)
+    if not (np.isfinite(M).all() and np.linalg.eigvalsh(M).min() > 0):
+        negative = np.flatnonzero((m.body_mass < 0) | (m.body_inertia < 0).any(axis=1))
+        which = f" (body {mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_BODY, int(negative[0]))!r})" if negative.size else ""
+        raise ModelError(
+            f"model {name!r}: its mass matrix is not positive definite{which}: give positive masses and inertias"
+        )
 
 
 def check_alike(models: Sequence[MuscleModel]) -> None:
@@ -111,8 +139,8 @@ def check_alike(models: Sequence[MuscleModel]) -> None:
     Raises:
         SettingsError: names the first that differs from the first model, and in what.
     """
-    first = models[0]
     for i, model in enumerate(models):
+        first = models[0]
         if model is first:
             continue
         for what in ("muscle_names", "dof_names"):
@@ -128,4 +156,10 @@ def check_alike(models: Sequence[MuscleModel]) -> None:
                 raise SettingsError(
                     f"models[{i}] has {size} = {b}, models[0] has {a}: a batch is of models of one structure; solve "
                     "others in a batch of their own"
+                )
+        for name in _STRUCTURE:
+            if not np.array_equal(getattr(first.mj_model, name), getattr(model.mj_model, name)):
+                raise SettingsError(
+                    f"models[{i}] differs from models[0] in {name}: a batch is of models whose bodies, joints and "
+                    "actuators come in the same order; solve others in a batch of their own"
                 )

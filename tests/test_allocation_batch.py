@@ -262,7 +262,7 @@ def test_bad_values_are_named():
     with pytest.raises(SettingsError, match=r"bounds cross, lb - ub; lb - ub of problem 0 has 1 at \[0\]"):
         build_batch(**{**good, "lb": 2 * np.ones((4, 3))})
     for elasticity in (0.0, -1.0):
-        with pytest.raises(SettingsError, match="the price of reserves must be positive"):
+        with pytest.raises(SettingsError, match="elasticity must be a positive number; got"):
             build_batch(**good, elasticity=elasticity)
 
 

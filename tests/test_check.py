@@ -298,8 +298,8 @@ TWO_SIDED = """
     <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1" contype="0" conaffinity="0"/>
   </body></worldbody>
   <actuator>
-    <general name="bends" joint="elbow" gear="-.05" dyntype="muscle" gainprm="-300" {bends}/>
-    <general name="stretches" joint="elbow" gear=".04" dyntype="muscle" gainprm="-200" {stretches}/>
+    <general name="bends" joint="elbow" gear="-.05" dyntype="muscle" dynprm=".01 .04" gainprm="-300" {bends}/>
+    <general name="stretches" joint="elbow" gear=".04" dyntype="muscle" dynprm=".01 .04" gainprm="-200" {stretches}/>
   </actuator>
 </mujoco>"""
 

@@ -279,3 +279,134 @@ def test_a_plant_of_ones_own_gives_the_same(leg8):
     ours, own = mjhcmc.hcmc(leg8, motion), mjhcmc.hcmc(leg8, motion, plant=mjhcmc.MujocoPlant(leg8, 0.001))
     np.testing.assert_allclose(ours.excitation, own.excitation, rtol=0, atol=1e-6)
     np.testing.assert_allclose(ours.qpos, own.qpos, rtol=0, atol=1e-8)
+
+
+# --- what belongs to one simulation ------------------------------------------------------------------------------
+
+
+def variant(leg8, **changes):
+    """leg8 with some columns of its actuators' fields changed."""
+    import copy
+
+    m = copy.copy(leg8.mj_model)
+    for name, (column, factor) in changes.items():
+        getattr(m, name)[:, column] *= factor
+    mujoco.mj_setConst(m, mujoco.MjData(m))
+    return mjhcmc.MuscleModel.load(m)
+
+
+@pytest.mark.parametrize("cost", ["stress", "volume", "capacity"])
+def test_strength_and_time_constants_are_each_models_own(leg8, cost):
+    """Strengths enter the cost, time constants the reach of excitations: of its own model, not of the first."""
+    weaker = variant(leg8, actuator_gainprm=(2, np.linspace(0.7, 1.1, 8)), actuator_biasprm=(2, 0.9))
+    slower = variant(leg8, actuator_dynprm=(slice(0, 2), 1.4))
+    motion = short(leg8, scale=0.6)
+    batch = mjhcmc.hcmc_batch([leg8, weaker, slower], motion, cost=cost)
+    for i, model in enumerate((leg8, weaker, slower)):
+        assert_identical(batch[i], mjhcmc.hcmc(model, motion, cost=cost))
+
+
+def test_joint_moments_are_each_simulations_own(leg8):
+    motion = short(leg8, "slow")
+    own = mjhcmc.hcmc(leg8, motion)
+    moments = [mjhcmc.JointMoments(own.time, scale * own.net_joint_moment) for scale in (1.0, 0.8)]
+    batch = mjhcmc.hcmc_batch(leg8, [motion, motion], joint_moments=moments)
+    assert_identical(batch[1], mjhcmc.hcmc(leg8, motion, joint_moments=moments[1]))
+    with pytest.raises(mjhcmc.SettingsError, match="joint_moments has 2 entries, the batch has 3"):
+        mjhcmc.hcmc_batch(leg8, [motion] * 3, joint_moments=moments)
+
+
+BEFORE_OR_AFTER = """<mujoco><option integrator="RK4"/><worldbody><body><joint name="j" axis="0 -1 0" damping=".2"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1" contype="0" conaffinity="0"/></body></worldbody>
+    <actuator>{}<muscle name="up" joint="j" force="20" lengthrange="-1 1" gear="-1"/>
+    <muscle name="down" joint="j" force="20" lengthrange="-1 1" gear="1"/>{}</actuator></mujoco>"""
+
+
+def test_models_whose_actuators_come_in_another_order_are_refused():
+    motor = '<motor name="motor" joint="j"/>'
+    models = [load_xml(BEFORE_OR_AFTER.format(*order)) for order in (("", motor), (motor, ""))]
+    motion = mjhcmc.Motion.cosine(models[0], amplitudes={"j": 0.2}, period=0.5, cycles=1)
+    with pytest.raises(mjhcmc.SettingsError, match=r"models\[1\] differs from models\[0\] in actuator_"):
+        mjhcmc.hcmc_batch(models, motion)
+    assert len(mjhcmc.hcmc_batch([models[1]] * 2, motion)) == 2
+    heavier = load_xml(
+        BEFORE_OR_AFTER.format("", motor + motor.replace("motor", "motor", 1).replace('"motor"', '"m2"'))
+    )
+    with pytest.raises(mjhcmc.SettingsError, match=r"models\[1\] has nu = 4, models\[0\] has 3"):
+        mjhcmc.hcmc_batch([models[0], heavier], motion)
+
+
+def test_parameters_that_make_no_model_are_refused_alone(leg8):
+    mass = np.tile(leg8.mj_model.body_mass, (3, 1))
+    mass[1] *= -1
+    with pytest.warns(mjhcmc.MjhcmcWarning, match="simulation 1: .*mass matrix is not positive definite"):
+        batch = mjhcmc.hcmc_batch(leg8, short(leg8), parameters={"body_mass": mass})
+    assert list(batch.status) == [0, SimulationStatus.REFUSED, 0]
+    dynprm = np.tile(leg8.mj_model.actuator_dynprm, (2, 1, 1))
+    dynprm[0, 3, 1] = 0.0
+    with pytest.warns(mjhcmc.MjhcmcWarning, match="simulation 0: .*muscle 'hamstrings' has time constants .* and 0 s"):
+        mjhcmc.hcmc_batch(leg8, short(leg8), parameters={"actuator_dynprm": dynprm})
+    with pytest.raises(mjhcmc.ModelError, match="give finite values"):
+        mjhcmc.hcmc_batch(leg8, short(leg8), parameters={"body_mass": mass * np.nan})
+    with pytest.raises(mjhcmc.SettingsError, match="dof_M0 follows from other fields"):
+        mjhcmc.hcmc_batch(leg8, short(leg8), parameters={"dof_M0": np.full((2, 3), 7.0)})
+    with pytest.raises(mjhcmc.SettingsError, match="parameters must map names"):
+        mjhcmc.hcmc_batch(leg8, short(leg8), parameters=[1, 2])
+
+
+def test_an_interrupt_while_one_is_solved_again_keeps_the_others(leg8):
+    """And simulations keep their numbers, though one was refused before."""
+    calls = []
+
+    def stop(done, total):
+        calls.append(done)
+        if len(calls) > total and done == 1:
+            raise KeyboardInterrupt
+
+    qpos = np.tile(short(leg8).qpos[0], (4, 1))
+    qpos[0, 0] = np.nan
+    qvel = np.zeros((4, 3))
+    qvel[2, 1] = 1e7
+    with (
+        pytest.warns(mjhcmc.MjhcmcWarning, match="simulation 2: .*solved again"),
+        pytest.raises(mjhcmc.SolveInterrupted) as caught,
+    ):
+        mjhcmc.hcmc_batch(leg8, [short(leg8)] * 4, initial_qpos=qpos, initial_qvel=qvel, progress=stop)
+    parts = caught.value.solutions
+    assert [part is None for part in parts] == [True, False, parts[2] is None, False]
+    assert not parts[1].interrupted
+    assert parts[1].n_window == parts[3].n_window == 20
+
+
+def test_a_notice_that_all_give_comes_once(leg8):
+    with pytest.warns(mjhcmc.MjhcmcWarning) as told:
+        mjhcmc.hcmc_batch(leg8, [short(leg8)] * 5, dt=0.03)
+    assert [str(w.message).split(":")[0] for w in told] == ["dt 0.03 s does not divide the motion (0.2 s)"]
+
+
+def test_a_batch_is_a_sequence_that_says_what_it_is(leg8):
+    batch = mjhcmc.hcmc_batch(leg8, [short(leg8)] * 2)
+    assert repr(batch) == "SolutionBatch(2 simulations, 2 solved)"
+    assert batch[-1] is batch[1]
+    assert batch.failures == ""
+    with pytest.raises(IndexError, match="simulation 2 of 2"):
+        batch[2]
+
+
+@pytest.mark.filterwarnings("ignore::mjhcmc.MjhcmcWarning")
+def test_a_run_away_that_stays_finite_is_solved_again(leg8):
+    """Half activated, the leg is too stiff for 1 ms; the first windows used to be lost without a word."""
+    solution = mjhcmc.hcmc(leg8, mjhcmc.Motion.cosine(leg8, "fast"), initial_activation=0.5)
+    assert solution.settings["physics_dt"] < 0.001
+    assert np.rad2deg(np.abs(solution.tracking_error).max()) < 0.5
+
+
+def test_a_window_that_missed_is_looked_at_anew(leg8):
+    """An ankle beyond the strength of its muscles: the end is not where it was expected."""
+    time = np.arange(0, 1.001, 0.002)
+    qpos = np.deg2rad(np.tile([10.0, -40.0, 5.0], (len(time), 1)))
+    qpos[:, 2] += np.deg2rad(15) * np.sin(2 * np.pi * time / 0.15)
+    solution = mjhcmc.hcmc(leg8, mjhcmc.Motion(time, qpos), physics_dt=5e-4)
+    error = np.rad2deg(np.abs(solution.tracking_error))
+    assert error.max() < 2.6  # by the expected end alone: 3.3
+    assert not (solution.status == mjhcmc.WindowStatus.STIFF).any()

@@ -1,97 +1,25 @@
-"""The normalised curves of Millard, Uchida, Seth and Delp (2013) as quintic Bezier splines, in NumPy alone.
+"""The curves of Millard, Uchida, Seth and Delp (2013): quintic Bezier splines.
 
-Each curve is a chain of quintic Bezier segments in the plane (x, y). A segment joins two end points with given slopes;
-its inner control points lie in pairs on the two tangents, moved from the ends towards the tangents' crossing by the
-fraction .1 + .8 curviness, so that slope is continuous and curvature vanishes at the joints. Outside its segments a
-curve goes on as a straight line.
+Force balance of the model, damping beta = .1 (normalised by maximum isometric force and maximum fiber velocity):
+(a fL(l) fV(v) + fPE(l) + beta v) cos(alpha) = fSE(lT).
 
 Reference: M. Millard, T. Uchida, A. Seth, S. L. Delp, "Flexing computational muscle: modeling and simulation of
-musculotendon dynamics", J. Biomech. Eng. 135(2), 021005, 2013. Defaults are the parameters given there.
+musculotendon dynamics", J. Biomech. Eng. 135(2), 021005, 2013, doi:10.1115/1.4023390. Defaults are the parameters given
+there, but for the ones that say otherwise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjhcmc.hill.bezier import BezierCurve, Corner
+from mjhcmc.hill.curves import Curves
+from mjhcmc.hill.errors import HillError
+
 Array = NDArray[np.float64]
-
-_TO_POWERS = np.array(
-    [
-        [1, 0, 0, 0, 0, 0],
-        [-5, 5, 0, 0, 0, 0],
-        [10, -20, 10, 0, 0, 0],
-        [-10, 30, -30, 10, 0, 0],
-        [5, -20, 30, -20, 5, 0],
-        [-1, 5, -10, 10, -5, 1],
-    ],
-    dtype=np.float64,
-)
-"""Bernstein control values of degree five to coefficients of rising powers."""
-
-_MAX_ITERATIONS = 60
-_ROOT_TOLERANCE = 1e-14
-
-
-@dataclass(frozen=True)
-class Corner:
-    """A point of a curve and the curve's slope there: where two Bezier segments meet."""
-
-    x: float
-    y: float
-    slope: float
-
-
-class BezierCurve:
-    """A curve y(x) of quintic Bezier segments through given corners, linear beyond both ends.
-
-    Args:
-        corners: The n + 1 ends of the n segments, x increasing.
-        curviness: From 0 (near the straight chord) to 1 (near the tangents).
-
-    Raises:
-        ValueError: Fewer than two corners, x not increasing, or curviness outside 0 to 1.
-    """
-
-    def __init__(self, corners: Sequence[Corner], curviness: float | Sequence[float]) -> None:
-        bends = np.broadcast_to(np.asarray(curviness, float), (max(len(corners) - 1, 1),))
-        if len(corners) < 2 or any(b.x <= a.x for a, b in pairwise(corners)):
-            raise ValueError("BezierCurve: corners must be at least two, with increasing x")
-        if np.any((bends < 0) | (bends > 1)):
-            raise ValueError(f"BezierCurve: curviness is {curviness}: give numbers from 0 to 1")
-        points = [_control_points(a, b, 0.1 + 0.8 * c) for (a, b), c in zip(pairwise(corners), bends, strict=True)]
-        controls = np.array(points)  # (segments, 2, 6)
-        self._powers = controls @ _TO_POWERS.T
-        self._knots = np.array([corner.x for corner in corners])
-        self._first, self._last = corners[0], corners[-1]
-
-    def __call__(self, x: ArrayLike) -> Array:
-        """The curve's value at ``x``, an array of any shape; NaN stays NaN."""
-        return self._evaluate(x)[0]
-
-    def derivative(self, x: ArrayLike) -> Array:
-        """The curve's slope dy/dx at ``x``, an array of any shape."""
-        return self._evaluate(x)[1]
-
-    def _evaluate(self, x: ArrayLike) -> tuple[Array, Array]:
-        values = np.asarray(x, dtype=np.float64)
-        flat = np.atleast_1d(values).ravel()
-        inner = np.clip(flat, self._knots[0], self._knots[-1])
-        segment = np.clip(np.searchsorted(self._knots, inner, side="right") - 1, 0, len(self._knots) - 2)
-        px, py = np.moveaxis(self._powers[segment], 1, 0)
-        u = _solve_monotone(px, inner)
-        y = np.where(np.isnan(flat), np.nan, _horner(py, u))
-        # dx/du never vanishes: inner control points keep at least a tenth of the way to the tangents' crossing.
-        slope = np.where(np.isnan(flat), np.nan, _horner_derivative(py, u) / _horner_derivative(px, u))
-        below, above = flat < self._knots[0], flat > self._knots[-1]
-        y = np.where(below, self._first.y + self._first.slope * (flat - self._first.x), y)
-        y = np.where(above, self._last.y + self._last.slope * (flat - self._last.x), y)
-        slope = np.where(below, self._first.slope, np.where(above, self._last.slope, slope))
-        return y.reshape(values.shape), slope.reshape(values.shape)
 
 
 @dataclass(frozen=True)
@@ -219,43 +147,110 @@ def passive_force_length(parameters: PassiveForceLength | None = None) -> Bezier
     )
 
 
-def _control_points(a: Corner, b: Corner, bend: float) -> Array:
-    """Control points (2, 6) of the segment from a to b."""
-    if abs(a.slope - b.slope) > np.sqrt(np.finfo(float).eps):
-        x = (b.y - a.y - b.x * b.slope + a.x * a.slope) / (a.slope - b.slope)
-    else:
-        x = (a.x + b.x) / 2
-    y = (x - b.x) * b.slope + b.y
-    near_a = (a.x + bend * (x - a.x), a.y + bend * (y - a.y))
-    near_b = (b.x + bend * (x - b.x), b.y + bend * (y - b.y))
-    return np.array([(a.x, a.y), near_a, near_a, near_b, near_b, (b.x, b.y)]).T
+@dataclass(frozen=True)
+class TendonForceLength:
+    """Parameters of the tendon curve, force over maximum isometric force; ``None`` takes 1.375 over the strain.
+
+    Attributes:
+        strain_at_one_norm_force: Tendon strain at the maximum isometric force.
+        stiffness_at_one_norm_force: Slope there, over normalised tendon length; 1.375 over the strain where None.
+        force_at_toe_end: Normalised force where the toe passes into the straight part.
+        curviness: Bend of the toe.
+    """
+
+    strain_at_one_norm_force: float = 0.049
+    stiffness_at_one_norm_force: float | None = None
+    force_at_toe_end: float = 2 / 3
+    curviness: float = 0.5
 
 
-def _horner(powers: Array, u: Array) -> Array:
-    value = powers[:, 5]
-    for k in range(4, -1, -1):
-        value = value * u + powers[:, k]
-    return value
+def tendon_force_length(parameters: TendonForceLength | None = None) -> BezierCurve:
+    """Normalised tendon force as a function of tendon length over slack length: zero, toe, straight line.
+
+    Args:
+        parameters: The curve's parameters; the paper's where None.
+
+    Raises:
+        HillError: Parameters that make no rising curve.
+    """
+    p = parameters or TendonForceLength()
+    strain, toe_force = p.strain_at_one_norm_force, p.force_at_toe_end
+    if not (strain > 0 and 0 < toe_force < 1):
+        raise HillError(f"tendon_force_length: {p}: strain must be positive and the toe's force between 0 and 1")
+    stiffness = 1.375 / strain if p.stiffness_at_one_norm_force is None else p.stiffness_at_one_norm_force
+
+    def straight(force: float) -> float:
+        return 1.0 + strain + (force - 1.0) / stiffness
+
+    # The toe's inner corner lies halfway along the line from its foot, a tenth of the toe's length from slack, to the
+    # point at half the toe's force on the straight part.
+    toe = straight(toe_force)
+    foot = 1.0 + (toe - 1.0) / 10
+    half = straight(toe_force / 2)
+    return BezierCurve(
+        [
+            Corner(1.0, 0.0, 0.0),
+            Corner((foot + half) / 2, toe_force / 4, toe_force / 2 / (half - foot)),
+            Corner(toe, toe_force, stiffness),
+        ],
+        curviness=p.curviness,
+    )
 
 
-def _horner_derivative(powers: Array, u: Array) -> Array:
-    value = 5 * powers[:, 5]
-    for k in range(4, 0, -1):
-        value = value * u + k * powers[:, k]
-    return value
+@dataclass(frozen=True)
+class BezierForceVelocity:
+    """A Bezier force-velocity curve as a Hill model takes it: the same at every activation."""
+
+    curve: BezierCurve
+    bounds: tuple[float, float]
+
+    def __call__(self, velocity: ArrayLike, activation: ArrayLike = 1.0) -> Array:
+        """The multiplier at normalised fiber velocity."""
+        return self.curve(velocity)
+
+    def derivative(self, velocity: ArrayLike, activation: ArrayLike = 1.0) -> Array:
+        """Its slope over velocity."""
+        return self.curve.derivative(velocity)
+
+    def evaluate(self, velocity: ArrayLike, activation: ArrayLike = 1.0) -> tuple[Array, Array]:
+        """Multiplier and slope together."""
+        return self.curve.evaluate(velocity)
+
+    def inverse(self, multiplier: ArrayLike, activation: ArrayLike = 1.0) -> Array:
+        """The velocity with this multiplier: -1 at 0 and 1 at the largest, where the curve is flat.
+
+        Raises:
+            HillError: A multiplier outside ``bounds``.
+        """
+        return self.curve.inverse(multiplier)
 
 
-def _solve_monotone(powers: Array, target: Array) -> Array:
-    """The u in [0, 1] with x(u) = target for rising x: Newton's method, with bisection where it leaves its bracket."""
-    low, high = np.zeros_like(target), np.ones_like(target)
-    u = np.full_like(target, 0.5)
-    for _ in range(_MAX_ITERATIONS):
-        error = _horner(powers, u) - target
-        low, high = np.where(error < 0, u, low), np.where(error > 0, u, high)
-        newton = u - error / _horner_derivative(powers, u)
-        step = np.where((newton >= low) & (newton <= high), newton, (low + high) / 2)
-        moved = np.abs(step - u)
-        u = step
-        if not np.any(moved > _ROOT_TOLERANCE):
-            break
-    return u
+def millard2012(
+    active: ActiveForceLength | None = None,
+    passive: PassiveForceLength | None = None,
+    velocity: ForceVelocity | None = None,
+    tendon: TendonForceLength | None = None,
+) -> Curves:
+    """The curves of Millard et al. (2013), known by their code's year as Millard 2012.
+
+    Args:
+        active: Active force-length parameters; the paper's where None.
+        passive: Passive force-length parameters; the paper's where None.
+        velocity: Force-velocity parameters; the paper's where None.
+        tendon: Tendon parameters; the paper's where None.
+
+    Raises:
+        HillError: Parameters that make no curve.
+    """
+    a, v = active or ActiveForceLength(), velocity or ForceVelocity()
+    low = 0.0 if v.concentric_slope_at_vmax <= 0 else -np.inf
+    high = v.max_eccentric_multiplier if v.eccentric_slope_at_vmax <= 0 else np.inf
+    return Curves(
+        name="Millard 2012",
+        active=active_force_length(a),
+        passive=passive_force_length(passive),
+        force_velocity=BezierForceVelocity(force_velocity(v), (low, high)),
+        tendon=tendon_force_length(tendon),
+        shortest_fiber=a.min_norm_length,
+        fiber_damping=0.1,
+    )

@@ -3,7 +3,7 @@
 After Inai, Takabayashi, Edama and Kubo (2020), formulated at the END of the control window: activation is chosen so
 that the acceleration at the window's end takes its desired value. A window goes in three:
 
-1. *Expect.* Where the window should end follows from the desired motion and the feedback (see `_Driver._aim`). There
+1. *Expect.* Where the window should end follows from the desired motion and the feedback (see `HcmcDriver._aim`). There
    M, the muscles' moments and the slopes D, K of all forces are looked at, and activation is allocated for the
    acceleration wanted there.
 2. *Try.* The plant itself is stepped over the window with that, about twice as coarsely, and a Newton step on the
@@ -29,42 +29,25 @@ where some saturate it would spend the others on joints that they do not cross. 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mjhcmc.checks import is_number
 from mjhcmc.errors import SettingsError
 from mjhcmc.joint_moments import JointMoments
-from mjhcmc.lockstep import Linearization
-from mjhcmc.methods.correction import Reach, Trial, correct
-from mjhcmc.methods.record import diverged, padded
+from mjhcmc.methods.hcmc_driver import HcmcDriver
 from mjhcmc.methods.run import Driver, Inputs, Progress, Team, run, static_start
-from mjhcmc.methods.windows import Windows, check_flag, decay_rate, prepare
+from mjhcmc.methods.windows import Windows, check_flag, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
-from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State
-from mjhcmc.qp_back_ends import NEWTON
-from mjhcmc.sharing import together
-from mjhcmc.small_linear import solve_in_place
+from mjhcmc.plant import MujocoPlant, State
 from mjhcmc.solution import Solution
 
 _LARGEST_GAIN = 3.0  # beyond, the sampled error rings or grows
-_STABLE = 2.0  # step times decay rate up to which a trial may step coarsely; Runge-Kutta's limit is 2.78
-_USUAL_DT = 0.01  # s
-_STIFFNESS_EVERY = 8  # windows
-_OF_OTHERS = 0.05  # of the rms acceleration of the joints that move most
-_SUSPECT = 0.7  # of the rate that is stable: how far from it the expected end may be
-_RUN_AWAY = 1.0  # times the largest acceleration of the motion
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.intp]
-Index = NDArray[np.intp] | slice
 
 
 def hcmc(
@@ -182,270 +165,4 @@ class Hcmc:
 
     def drive(self, team: Team) -> Driver:
         """See `run.Method`."""
-        return _Driver(self, team)
-
-
-class _Here(NamedTuple):
-    """One window of b simulations.
-
-    Attributes:
-        k: its number.
-        ids: (b,) the simulations.
-        at: their rows in arrays of the team.
-        rows: (b, n_row) their states at its start.
-        activation: (b, n_muscle) there.
-        kp: (b, nv) 1/s^2.
-        kv: (b, nv) 1/s.
-        around: their expected ends.
-    """
-
-    k: int
-    ids: Ids
-    at: Index
-    rows: Array
-    activation: Array
-    kp: Array
-    kv: Array
-    around: Linearization
-
-    def some(self, which: NDArray[np.bool_]) -> _Here:
-        """The same for some of the simulations."""
-        ids = self.ids[which]
-        rows, activation, kp, kv = (part[which] for part in (self.rows, self.activation, self.kp, self.kv))
-        return _Here(self.k, ids, ids, rows, activation, kp, kv, self.around.of(which))
-
-
-class _Driver:
-    """Takes a team through its windows.
-
-    Carries from window to window, for each simulation: M and B at the last window's expected end, for the next one's
-    feedback; K, which is looked at only now and then, since answers to it are of order h^2; the acceleration at the
-    last end; the activation before it; and the multipliers of the last allocation, from which the next begins.
-    """
-
-    def __init__(self, settings: Hcmc, team: Team) -> None:
-        self._settings, self._team, self._layout = settings, team, team.plants.layout
-        windows = team.windows
-        b, n, nv = len(windows), windows[0].model.n_muscle, windows[0].model.nv
-        models = [w.model for w in windows]
-        self._sharing = together([w.sharing for w in windows])
-        self._reach = Reach(
-            np.stack([m.activation_parameters for m in models]), np.stack([m.excitation_range for m in models]),
-            team.physics_dt, team.n_step,
-        )  # fmt: skip
-        length = int(team.count.max()) + 1
-        self._qpos, self._qvel, self._qacc = (
-            np.stack([padded(getattr(w.reference, name), length) for w in windows], axis=1)
-            for name in ("qpos", "qvel", "qacc")
-        )
-        rms = np.stack([w.rms_qacc for w in windows])
-        self._least_authority = rms if settings.reserves else np.zeros_like(rms)
-        self._largest = np.abs(self._qacc).max(axis=(0, 2))
-        share = settings.tolerance * min(1.0, (team.dt / _USUAL_DT) ** 2)
-        # a joint held still is judged by those that move
-        hinge = np.stack([m.joint_is_rotation for m in models])
-        others = np.where(hinge, (rms * hinge).max(axis=1)[:, None], (rms * ~hinge).max(axis=1)[:, None])
-        self._missable = share * np.maximum(rms, _OF_OTHERS * others)
-        self._M, self._B, self._K = np.empty((b, nv, nv)), np.empty((b, nv, n)), np.empty((b, nv, nv))
-        self._qacc_at, self._before, self._price = np.empty((b, nv)), np.empty((b, n)), np.zeros((b, nv))
-
-    def window(self, k: int, ids: Ids, rows: Array) -> Array:
-        """See `run.Driver` and the module's docstring."""
-        team, settings, plants = self._team, self._settings, self._team.plants
-        at, activation = self._which(ids), np.ascontiguousarray(rows[:, self._layout.activation])
-        if k == 0:
-            self._look_around(ids, at, rows)
-        kp, kv, goal, expected = self._aim(k, at, rows, activation)
-        around = plants.linearize(
-            ids, expected, team.reserve[at], stiffness=k % _STIFFNESS_EVERY == 0, damping=self._sharing.counts_forces
-        )
-        self._keep(at, around)
-        here = _Here(k, ids, at, rows, activation, kp, kv, around)
-        self._correct(here, expected, goal - around.qacc, team.dt, 0)
-        ends, step, n_step = self._trial(here)
-        qacc = plants.acceleration(ids, ends, team.reserve[at])
-        final: Array | None = None
-        whom: Index = slice(None)  # which of the call's simulations are corrected
-        for trial in range(settings.trials):
-            if trial > 0:  # the end that was expected is not where it ended
-                there = plants.linearize(
-                    here.ids, ends, team.reserve[here.at], stiffness=True, damping=self._sharing.counts_forces
-                )
-                here = here._replace(around=there)
-                self._keep(here.at, there)
-            self._correct(here, ends, self._missing(here, ends, qacc), step, n_step)
-            ends = plants.step(here.ids, here.rows, team.excitation[here.at], team.reserve[here.at], team.n_step)
-            step, n_step = team.physics_dt, team.n_step
-            qacc = plants.acceleration(here.ids, ends, team.reserve[here.at])
-            self._qacc_at[here.at] = qacc
-            if final is None:
-                final = ends
-            else:
-                final[whom] = ends
-            if trial + 1 == settings.trials:
-                break
-            again = np.any(np.abs(self._missing(here, ends, qacc)) > self._missable[here.at], axis=1)
-            if not again.any():
-                break
-            if not again.all():
-                whom = np.flatnonzero(again) if isinstance(whom, slice) else whom[again]
-                here, ends, qacc = here.some(again), ends[again], qacc[again]
-        self._before[at] = activation
-        assert final is not None  # there is at least one trial
-        self._look_at_stiff(k, ids, at, final)
-        return final
-
-    def _which(self, ids: Ids) -> Index:
-        """The rows of the simulations in arrays of the team; all of them as a slice: quicker."""
-        return slice(None) if len(ids) == len(self._price) else ids
-
-    def _look_around(self, ids: Ids, at: Index, rows: Array) -> None:
-        """What the first window needs to know of its start."""
-        found = self._team.plants.linearize(ids, rows, self._team.reserve[at])
-        self._keep(at, found)
-        self._qacc_at[at], self._before[at] = found.qacc, rows[:, self._layout.activation]
-
-    def _look_at_stiff(self, k: int, ids: Ids, at: Index, ends: Array) -> None:
-        """Where the muscles may be too stiff for the physics step, tell by the ends themselves.
-
-        An end where they are, and where acceleration is far from any that was wanted, has run away though it is finite:
-        it becomes NaN.
-        """
-        team, limit = self._team, RK4_LIMIT / self._team.physics_dt
-        suspect = np.flatnonzero(team.fastest_rate[at] > _SUSPECT * limit)
-        if not suspect.size:
-            return
-        who = ids[suspect]
-        found = team.plants.linearize(who, ends[suspect], team.reserve[who])
-        for j, i in enumerate(who.tolist()):
-            if _finite(found.M[j], found.D[j]):
-                team.fastest_rate[i] = decay_rate(found.M[j], found.D[j])
-            missed = np.abs(self._qacc[k + 1, i] - found.qacc[j]).max()
-            if team.fastest_rate[i] > limit and not missed <= _RUN_AWAY * self._largest[i]:
-                ends[suspect[j]] = np.nan
-
-    def _keep(self, at: Index, found: Linearization) -> None:
-        self._M[at], self._B[at] = found.M, found.B
-        if found.K is not None:
-            self._K[at] = found.K
-
-    def _aim(self, k: int, at: Index, rows: Array, activation: Array) -> tuple[Array, Array, Array, Array]:
-        """Gains kp (b, nv) 1/s^2 and kv (b, nv) 1/s of window k; acceleration (b, nv) and rows that it should end in.
-
-        Acceleration goes along a line from what it is to what it should be, activation goes on as it did:
-
-            v^ = v + h/2 (alpha + alpha*),  q^ = q + h v + h^2/3 alpha + h^2/6 alpha*
-            alpha* = [q''_d + kv (v_d - v - h/2 alpha) + kp (q_d - q - h v - h^2/3 alpha)]/(1 + kv h/2 + kp h^2/6)
-
-        Gains are as high as gain/h and no higher than the joint can follow: kp = w^2, kv = 2 w,
-        w_j = min(gain/h, alpha_j/(|e'_j| + sqrt(e'_j^2 + alpha_j |e_j|))), so that w^2 |e| + 2 w |e'| <= alpha_j, from
-        the error at the window's start. At w = gain/h, kv is 2 w (1 - gain/6): aiming at the end of the window damps by
-        itself, and critical damping would make the sampled error ring (largest root at gain 2.7: .44 against -.72; at
-        3: .5 against -.84). alpha_j is a share of the smaller of the accelerations that full activation gives the joint
-        either way. Where reserves help it is at least the rms of q''_d, or a motion beyond the muscles would be fed
-        forward and not fed back. A joint that nothing limits keeps gain/h.
-        """
-        layout, settings, h = self._layout, self._settings, self._team.dt
-        qacc = self._qacc_at[at]
-        kp, kv, goal, expected = np.empty_like(qacc), np.empty_like(qacc), np.empty_like(qacc), rows.copy()
-        _fill_aim(
-            self._M[at], self._B[at], self._qpos[k, at], self._qvel[k, at], self._qpos[k + 1, at],
-            self._qvel[k + 1, at], self._qacc[k + 1, at], qacc, layout.qpos.start, layout.qvel.start,
-            self._least_authority[at], float(settings.authority), float(settings.gain), h, kp, kv, goal, expected,
-        )  # fmt: skip
-        expected[:, layout.time] += h
-        expected[:, layout.activation] = np.clip(2 * activation - self._before[at], 0.0, 1.0)
-        return kp, kv, goal, expected
-
-    def _trial(self, here: _Here) -> tuple[Array, float, int]:
-        """The ends of a window with the inputs so far; and the physics step and steps that it took.
-
-        About twice the plant's step does where that is stable: what is corrected by it is checked by the window itself.
-        """
-        team, plants, ids, rows = self._team, self._team.plants, here.ids, here.rows
-        u, s = team.excitation[here.at], team.reserve[here.at]
-        n = (team.n_step + 1) // 2
-        times = team.n_step / n
-        stable = team.fastest_rate[here.at] * times * team.physics_dt <= _STABLE
-        if stable.all():
-            ends = plants.step(ids, rows, u, s, n, times)
-        else:
-            ends = np.full_like(rows, np.nan)
-            if stable.any():
-                ends[stable] = plants.step(ids[stable], rows[stable], u[stable], s[stable], n, times)
-        if not math.isfinite(ends.sum()):
-            failed = ~np.isfinite(ends).all(axis=1)
-            ends[failed] = plants.step(ids[failed], rows[failed], u[failed], s[failed], team.n_step)
-        return ends, team.dt / n, n
-
-    def _missing(self, here: _Here, ends: Array, qacc: Array) -> Array:
-        """(b, nv) rad/s^2, r of the module's docstring."""
-        layout, k, at = self._layout, here.k + 1, here.at
-        v_error, q_error = self._qvel[k, at] - ends[:, layout.qvel], self._qpos[k, at] - ends[:, layout.qpos]
-        r: Array = self._qacc[k, at] + here.kv * v_error + here.kp * q_error - qacc
-        return r
-
-    def _correct(self, here: _Here, ends: Array, missing: Array, step: float, n_step: int) -> None:
-        """Put corrected inputs into the team, after a trial of n_step steps; none: at the expected end."""
-        team, at, found = self._team, here.at, here.around
-        trial = Trial(
-            here.activation, team.excitation[at], team.reserve[at],
-            np.ascontiguousarray(ends[:, self._layout.activation]), missing, found.M, found.B, found.gain, found.bias,
-            found.D, self._K[at], here.kp, here.kv, step, n_step,
-        )  # fmt: skip
-        reach, sharing, price = self._reach, self._sharing, self._price[at]
-        if not isinstance(at, slice):
-            reach, sharing = reach.of(at), sharing.of(at)
-        correction = correct(
-            trial, reach, sharing, price, reserves=self._settings.reserves, threads=self._settings.threads
-        )
-        self._price[at] = price
-        for j, error in correction.errors.items():
-            i, ours = int(here.ids[j]), self._sharing.solver == NEWTON and self._sharing.cost != "cubic"
-            if ours or not _finite(missing[j], found.B[j], found.D[j]):  # ours does not fail where numbers make sense
-                error = diverged(team.windows[i], here.k)
-            team.errors.setdefault(i, error)
-        team.excitation[at], team.shortfall[at] = correction.excitation, correction.shortfall
-        team.reserve[at] = correction.shortfall if self._settings.reserves else 0.0
-        team.fastest_rate[at] = correction.fastest_rate
-
-
-def _finite(*parts: Array) -> bool:
-    return all(bool(np.isfinite(part).all()) for part in parts)
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _fill_aim(  # type: ignore[no-untyped-def]
-    M, B, qpos, qvel, next_qpos, next_qvel, next_qacc, at_start, q0, v0, least, authority, gain, h, kp, kv, goal, rows
-):  # fmt: skip
-    """Fill kp, kv and goal (b, nv), and move the rows (b, n_row) from the start to the expected end."""
-    b, nv, n = B.shape
-    used, reach = np.empty((nv, nv)), np.empty((nv, n))
-    for s in range(b):
-        for j in range(nv):
-            for i in range(nv):
-                used[j, i] = M[s, j, i]
-            for i in range(n):
-                reach[j, i] = B[s, j, i]
-        solve_in_place(used, reach)
-        for j in range(nv):
-            up, down = 0.0, 0.0
-            for i in range(n):
-                up += max(reach[j, i], 0.0)
-                down += max(-reach[j, i], 0.0)
-            alpha = max(authority * min(up, down), least[s, j])
-            q, v, a = rows[s, q0 + j], rows[s, v0 + j], at_start[s, j]
-            e, e_rate = abs(qpos[s, j] - q), abs(qvel[s, j] - v)
-            denominator = e_rate + np.sqrt(e_rate * e_rate + alpha * e)
-            w = gain / h
-            damped = 1.0 - gain / 6.0
-            if denominator > 0.0 and alpha > 0.0 and alpha / denominator < w:
-                w, damped = alpha / denominator, 1.0
-            kp[s, j] = w * w
-            kv[s, j] = 2.0 * w * damped
-            v_error = next_qvel[s, j] - v - h / 2 * a
-            q_error = next_qpos[s, j] - q - h * v - h * h / 3 * a
-            c = 1.0 + kv[s, j] * h / 2 + kp[s, j] * h * h / 6
-            goal[s, j] = (next_qacc[s, j] + kv[s, j] * v_error + kp[s, j] * q_error) / c
-            rows[s, v0 + j] = v + h / 2 * (a + goal[s, j])
-            rows[s, q0 + j] = q + h * v + h * h / 3 * a + h * h / 6 * goal[s, j]
+        return HcmcDriver(self, team)

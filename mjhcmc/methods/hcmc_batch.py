@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,11 @@ from numpy.typing import ArrayLike
 from mjhcmc.errors import MjhcmcError, MjhcmcWarning, SettingsError, SimulationError
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.methods.hcmc import Hcmc
-from mjhcmc.methods.run import Progress, run_together
-from mjhcmc.methods.windows import Bench, Windows, prepare
+from mjhcmc.methods.run import Progress, SolveInterrupted, run_together
+from mjhcmc.methods.windows import Windows, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
+from mjhcmc.plant import MujocoPlant
 from mjhcmc.solution import Solution
 from mjhcmc.solution_batch import SolutionBatch, agreed, one_each
 from mjhcmc.variants import check_alike, variants
@@ -49,8 +51,9 @@ def hcmc_batch(
 ) -> SolutionBatch:
     """Follow many motions, or one with many models, in lock step on all cores.
 
-    Each simulation is solved exactly as `hcmc` solves it alone: the same bits, for any number of threads and whatever
-    else is in the batch. One that fails does so alone: it is named in a warning, and the rest go on.
+    Each simulation is solved exactly as `hcmc` solves it alone: with our own solver the same bits, for any number of
+    threads and whatever else is in the batch. One that fails does so alone: it is named in a warning, and the rest go
+    on. Loads from outside come with joint_moments only.
 
     Args:
         models: one for all simulations, or one each; of one structure, alike in all but numbers.
@@ -75,7 +78,7 @@ def hcmc_batch(
         tolerance: as `hcmc`.
         gain: as `hcmc`.
         authority: as `hcmc`.
-        progress: called with (windows solved, windows of the longest motion).
+        progress: called with (windows solved, windows of the longest motion); anew where some are solved again.
 
     Returns:
         The solutions; ``batch[i]`` raises the error of a simulation that failed, ``batch.status`` tells which did.
@@ -86,9 +89,10 @@ def hcmc_batch(
         SolveInterrupted: a KeyboardInterrupt came; its ``solutions`` hold what was solved.
     """
     n_thread = _threads(threads)
-    method = Hcmc(reserves, trials, tolerance, gain, authority, n_thread)
     members, errors = _members(models, motions, parameters)
     count = len(members)
+    n_thread = min(n_thread, count)
+    method = Hcmc(reserves, trials, tolerance, gain, authority, n_thread)
     moments: list[Any] = [None]
     if joint_moments is not None:
         moments, _ = one_each("joint_moments", joint_moments, JointMoments, count)
@@ -100,23 +104,31 @@ def hcmc_batch(
         "cost": cost, "weights": weights, "smoothness": smoothness, "min_activation": min_activation,
         "disabled": disabled, "solver": solver,
     }  # fmt: skip
-    bench: Bench | None = None
+    bench: MujocoPlant | None = None
     windows: dict[int, Windows] = {}
+    told: set[str] = set()
     for i, (model, motion) in enumerate(members):
         if i in errors or model is None:
             continue
         start: dict[str, Any] = {f"initial_{name}": rows[i] for name, rows in starts.items()}
-        if bench is None or bench.plant.model is not model:
-            bench = Bench(model)
+        if bench is None or bench.model is not model:
+            bench = MujocoPlant(model)
         given = moments[i if len(moments) > 1 else 0]
         try:
-            windows[i] = prepare(model, motion, dt, physics_dt, **start, joint_moments=given, bench=bench, **choices)
+            with _once(told):
+                windows[i] = prepare(
+                    model, motion, dt, physics_dt, **start, joint_moments=given, bench=bench, **choices
+                )
         except MjhcmcError as error:
             errors[i] = error
     if not windows:
         raise errors[0]
     solved: dict[int, Solution] = {}
-    outcomes = run_together(method, list(windows.values()), progress, n_thread, list(windows))
+    try:
+        outcomes = run_together(method, list(windows.values()), progress, n_thread, list(windows))
+    except SolveInterrupted as stop:
+        kept = dict(zip(windows, stop.solutions, strict=True))
+        raise SolveInterrupted([kept.get(i) for i in range(count)]) from stop
     for i, outcome in zip(windows, outcomes, strict=True):
         if isinstance(outcome, SimulationError):
             errors[i] = outcome
@@ -128,6 +140,18 @@ def hcmc_batch(
     if batch.errors:
         warnings.warn(batch.failures, MjhcmcWarning, stacklevel=2)
     return batch
+
+
+@contextmanager
+def _once(told: set[str]) -> Iterator[None]:
+    """Give each notice that the block gives, but for those told before."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MjhcmcWarning)
+        yield
+    for notice in caught:
+        if str(notice.message) not in told:
+            told.add(str(notice.message))
+            warnings.warn(notice.message, stacklevel=4)
 
 
 def _threads(given: int | None) -> int:

@@ -193,6 +193,7 @@ def run_together(
         _log.info("%s on %s, %s: %d windows", name, first.model.name, first.motion.name, first.count)
     else:
         _log.info("%s, %d simulations on %d threads", name, len(windows), threads)
+    level = 4 if numbers is None else 3  # where the user called
     outcomes = _run(method, windows, progress, threads)
     for attempt in range(1, _FINER_TRIES + 1):
         again = [i for i, o in enumerate(outcomes) if isinstance(o, DivergedError) and windows[i].own_plant is None]
@@ -202,8 +203,15 @@ def run_together(
         for i in again:
             who = "" if numbers is None else f"simulation {numbers[i]}: "
             step = f"physics_dt {finer[0].physics_dt:.2g} s"
-            warnings.warn(f"{who}{outcomes[i]}; it is solved again with {step}", MjhcmcWarning, stacklevel=4)
-        for i, outcome in zip(again, _run(method, finer, progress, threads), strict=True):
+            warnings.warn(f"{who}{outcomes[i]}; it is solved again with {step}", MjhcmcWarning, stacklevel=level)
+        try:
+            anew = _run(method, finer, progress, threads)
+        except SolveInterrupted as stop:
+            kept = [_partial(outcome) for outcome in outcomes]
+            for i, solution in zip(again, stop.solutions, strict=True):
+                kept[i] = _longer(solution, kept[i])
+            raise SolveInterrupted(kept) from stop
+        for i, outcome in zip(again, anew, strict=True):
             if isinstance(outcome, SimulationError):
                 outcome.solution = _longer(outcome.solution, _partial(outcomes[i]))
             outcomes[i] = outcome
@@ -236,19 +244,20 @@ def _run(
             team.errors.update(record.window(k, ids, ends, team))
             if progress is not None:
                 progress(k + 1, total)
+        return [_outcome(record, team, i) for i in range(len(windows))]
     except KeyboardInterrupt as interrupt:
         partly = [record.done(i) < w.count for i, w in enumerate(windows)]
         raise SolveInterrupted([record.solution(i, interrupted=part) for i, part in enumerate(partly)]) from interrupt
-    outcomes: list[Solution | SimulationError] = []
-    for i in range(len(windows)):
-        error = team.errors.get(i)
-        solution = record.solution(i, interrupted=error is not None)
-        if error is not None:
-            error.solution = solution
-        outcome = error if error is not None else solution
-        assert outcome is not None  # windows without a failure are all there
-        outcomes.append(outcome)
-    return outcomes
+
+
+def _outcome(record: Record, team: Team, i: int) -> Solution | SimulationError:
+    error = team.errors.get(i)
+    solution = record.solution(i, interrupted=error is not None)
+    if error is not None:
+        error.solution = solution
+        return error
+    assert solution is not None  # without a failure all windows are there
+    return solution
 
 
 def _plants(windows: Sequence[Windows], threads: int) -> Plants:

@@ -19,26 +19,9 @@ from mjhcmc.motion import RANGE_ALLOWANCE, Motion, Reference, check_joint_range
 from mjhcmc.plant import RK4_LIMIT, External, MujocoPlant, State, physics_steps
 from mjhcmc.sharing import Sharing, share
 
-_POSES_CHECKED = 8  # along the motion
-_CALM = 4  # times slower than what is stable
+_POSES_CHECKED = 6  # along the motion
 _MARGIN = 0.8  # active muscles damp too
 _MOST_STEPS = 10**8  # days of work, gigabytes of record
-
-
-class Bench:
-    """What simulations of one model can share while they are prepared: a plant to look at states with.
-
-    Attributes:
-        plant: of the model.
-        fastest_rate: 1/s, of its passive velocities along a motion; infinite where none was looked at.
-    """
-
-    def __init__(self, model: MuscleModel) -> None:
-        self.plant, self.fastest_rate = MujocoPlant(model), np.inf
-
-    def calm(self, physics_dt: float) -> bool:
-        """Whether passive damping was so far from unstable that other motions need no look."""
-        return self.fastest_rate * physics_dt < RK4_LIMIT / _CALM
 
 
 @dataclass(frozen=True)
@@ -57,7 +40,7 @@ class Windows:
         joint_moments: those that a user brought along; None: none.
         external: loads from outside; None: none.
         own_plant: a plant that the user handed in; None: none.
-        bench: shared with other simulations of the same model; None: none.
+        bench: a plant of the same model to look at states with, shared with other simulations; None: none.
     """
 
     model: MuscleModel
@@ -71,12 +54,12 @@ class Windows:
     joint_moments: JointMoments | None = None
     external: External | None = None
     own_plant: MujocoPlant | None = None
-    bench: Bench | None = None
+    bench: MujocoPlant | None = None
 
     @cached_property
     def plant(self) -> MujocoPlant:
         """What methods look at states with: the user's plant, or one of the model."""
-        shared = self.bench.plant if self.bench is not None and self.external is None else None
+        shared = self.bench if self.external is None else None
         return self.own_plant or shared or MujocoPlant(self.model, self.physics_dt, self.external)
 
     def finer(self, times: int) -> Windows:
@@ -112,7 +95,7 @@ def prepare(
     initial_activation: ArrayLike | None = None,
     joint_moments: JointMoments | None = None,
     plant: MujocoPlant | None = None,
-    bench: Bench | None = None,
+    bench: MujocoPlant | None = None,
     **choices: Any,
 ) -> Windows:
     """Check the settings of a solve and lay out its windows.
@@ -127,7 +110,7 @@ def prepare(
         initial_activation: (n_muscle,) or one number; NaN, to be solved for, by default.
         joint_moments: to be shared among the muscles in place of those of inverse dynamics.
         plant: what is stepped; a `MujocoPlant` at physics_dt by default. It keeps its own physics step.
-        bench: see `Windows`; what it was checked for is not checked again.
+        bench: see `Windows`.
         choices: of cost, bounds and solver, see `sharing.share`.
 
     Raises:
@@ -209,10 +192,7 @@ def prepare(
         plant,
         bench,
     )
-    if bench is None or not bench.calm(physics_dt):
-        rate = _check_passive_stability(windows)
-        if bench is not None:
-            bench.fastest_rate = rate
+    _check_passive_stability(windows)
     return windows
 
 
@@ -255,8 +235,8 @@ def decay_rate(M: NDArray[np.float64], D: NDArray[np.float64], harmless: float =
     return bound if bound <= harmless else float(np.linalg.eigvals(rates).real.max(initial=0.0))
 
 
-def _check_passive_stability(windows: Windows) -> float:
-    """Refuse a physics step at which the model's passive damping alone would blow up; returns the fastest rate, 1/s."""
+def _check_passive_stability(windows: Windows) -> None:
+    """Refuse a physics step at which the model's passive damping alone would blow up."""
     plant, reference = windows.plant, windows.reference
     rest, still = np.zeros(windows.model.n_muscle), np.zeros(windows.model.nv)
     worst, at = 0.0, 0
@@ -272,4 +252,3 @@ def _check_passive_stability(windows: Windows) -> float:
             f"model {windows.model.name!r}: physics_dt {windows.physics_dt:g} s is unstable under its damping "
             f"({worst:.0f} /s at {reference.time[at]:.3g} s): use physics_dt <= {_MARGIN * RK4_LIMIT / worst:.2g}"
         )
-    return worst
