@@ -119,3 +119,10 @@ def test_documents_have_their_tables(script, document, monkeypatch):
     changed = helper["into"](text, script, "another table")
     assert changed.count("another table") == 1
     assert changed.replace("another table", table.strip()) == text
+
+
+def test_many_at_once(run):
+    names, out, _ = run("05_many_at_once.py")
+    assert sorted(names["batch"].errors) == [7]
+    assert out.count("verdict holds") == 11
+    assert "the same bits: True" in out
