@@ -246,7 +246,10 @@ def momentum(m, d, body):
 @pytest.mark.parametrize(
     ("change", "found"),
     [
-        (("{more}", '<general name="thrust" site="e" dyntype="muscle" dynprm=".01 .04" gainprm="30"/>'), "'thrust' acts on a site"),
+        (
+            ("{more}", '<general name="thrust" site="e" dyntype="muscle" dynprm=".01 .04" gainprm="30"/>'),
+            "'thrust' acts on a site",
+        ),
         (('mass="2"', 'mass="2" fluidshape="ellipsoid"'), "move in a medium"),
         (('name="sprung"', 'name="sprung" armature=".1"'), "a tendon has armature"),
     ],
