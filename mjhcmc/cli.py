@@ -1,4 +1,4 @@
-"""The command line: ``mjhcmc solve``, ``mjhcmc reproduce`` and ``mjhcmc check``.
+"""The command line: ``mjhcmc solve``, ``reproduce``, ``check`` and ``compare-muscles``.
 
 Exit codes: 0 the verdict holds, 1 it fails, 2 bad input, 130 interrupted. Only what a command needs is imported, when
 it runs, so that ``mjhcmc --help`` is instant.
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjhcmc import __version__
+from mjhcmc.cli_compare import compare_muscles
 from mjhcmc.cli_support import (
     INTERRUPTED,
     engine_notices,
@@ -45,6 +46,9 @@ _verbose = click.option("-v", "--verbose", count=True, help="Log what is done on
 @click.version_option(__version__, prog_name="mjhcmc")
 def cli() -> None:
     """Muscle excitations from motion, for any MuJoCo muscle model."""
+
+
+cli.add_command(compare_muscles)
 
 
 @cli.command()

@@ -130,8 +130,8 @@ def test_damping_and_stiffness_in_closed_form():
     model = load_xml("""<mujoco><option integrator="RK4"/><worldbody><body>
         <joint name="j" type="hinge" axis="0 1 0" damping="0.7" stiffness="3"/>
         <geom type="sphere" size=".01" pos="0 0 -.5" mass="2"/></body></worldbody>
-        <actuator><general name="m" joint="j" dyntype="muscle" dynprm=".01 .04" gaintype="fixed" gainprm="0"/></actuator>
-        </mujoco>""")
+        <actuator><general name="m" joint="j" dyntype="muscle" dynprm=".01 .04" gaintype="fixed" gainprm="0"/>
+        </actuator></mujoco>""")
     plant = MujocoPlant(model)
     plant.set_state(State(0.0, np.array([0.4]), np.array([1.5]), np.zeros(1), np.zeros(1)))
     plant.forward()
