@@ -121,7 +121,7 @@ def newton(B, Q, lb, ub, w, a0, eps, y, a):  # type: ignore[no-untyped-def]
     return -ITERATIONS
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
 def _is_rounding(B, lb, ub, w, y, z, r):  # type: ignore[no-untyped-def]
     """Whether r is no more than what rounding leaves: where reserves are large, so is y, and B^T y cancels."""
     nv, n = B.shape
@@ -138,7 +138,7 @@ def _is_rounding(B, lb, ub, w, y, z, r):  # type: ignore[no-untyped-def]
     return worst <= ROUNDING * most
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
 def _sort(keys, values, count):  # type: ignore[no-untyped-def]
     """Sort the first count keys, and the values with them, by Shell's sort, quick to compile."""
     gap = 1
@@ -155,7 +155,7 @@ def _sort(keys, values, count):  # type: ignore[no-untyped-def]
         gap //= 3
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
 def _cholesky_solve(H, d):  # type: ignore[no-untyped-def]
     """Solve H x = d in place for a positive definite H given by its lower triangle.
 

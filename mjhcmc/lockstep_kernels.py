@@ -3,7 +3,7 @@
 import numba
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
 def fill_inertia(packed, rownnz, rowadr, colind, M):  # type: ignore[no-untyped-def]
     """Fill M (nv, nv), symmetric, from its lower triangle in MuJoCo's rows, packed (nM)."""
     for i in range(rownnz.size):
@@ -14,7 +14,7 @@ def fill_inertia(packed, rownnz, rowadr, colind, M):  # type: ignore[no-untyped-
             M[i, colind[k]] = M[colind[k], i] = packed[k]
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
 def fill_moment_arms(moment, rownnz, rowadr, colind, rows, R):  # type: ignore[no-untyped-def]
     """Fill R (n_muscle, nv), -dL/dq, from rows of MuJoCo's actuator_moment (nJ), which is +dL/dq."""
     for i in range(rows.size):

@@ -17,7 +17,7 @@ from mjhcmc.small_linear import inverse_of
 _CHANGE = 1e-3  # of excitation: well above rounding, well below what matters
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
 def fill_response(M, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-untyped-def]
     """Solve the equation above for unit changes, at the window's end, of each activation and each reserve.
 
@@ -54,7 +54,7 @@ def fill_response(M, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-unty
     _integrate(inverse, D, K, B, phi, step, acc, vel, pos)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
 def _integrate(inverse, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-untyped-def]
     nv, columns = acc.shape
     n = B.shape[1]
@@ -81,7 +81,7 @@ def _integrate(inverse, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-u
                 pos[i, c] = q[i] + quarter * a
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
 def fill_build_up(a0, u, prm, step, n_step, phi):  # type: ignore[no-untyped-def]
     """Fill phi (n_step + 1, n_muscle): how a small change of excitation builds up in activation, 1 at the end.
 

@@ -40,7 +40,7 @@ def solve_in_place(A, X):  # type: ignore[no-untyped-def]
             X[p, j] /= A[p, p]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
 def inverse_of(A, out):  # type: ignore[no-untyped-def]
     """Fill out (n, n) with the inverse of A (n, n), which is kept."""
     for i in range(A.shape[0]):
@@ -53,7 +53,7 @@ def inverse_of(A, out):  # type: ignore[no-untyped-def]
     solve_in_place(used, out)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
 def whitening(M, out):  # type: ignore[no-untyped-def]
     """Fill out (n, n) with L^-1, where L L^T = M is the Cholesky factorization of a positive definite M (n, n)."""
     n = M.shape[0]
