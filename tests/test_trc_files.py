@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -137,6 +137,9 @@ def test_missing_file_and_folder(tmp_path):
     unit=st.sampled_from(["mm", "m"]),
 )
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
+@example(  # steps so short that their rate is infinite
+    positions=np.zeros((3, 2, 3)), time=np.array([0.0, 2.3e-311, 5e-324]), unseen=0, unit="mm"
+)
 def test_round_trip_to_the_last_bit(tmp_path, positions, time, unseen, unit):
     path = tmp_path / "m.trc"
     if unseen < 6:

@@ -281,7 +281,7 @@ def _check_said(table: MarkerTable, header: dict[str, str]) -> None:
     except ValueError:
         raise MotionError(f"{table.path}: the header gives {entry[0]} as {entry[1]!r}: write rows a second") from None
     rate = 1 / float(np.median(steps))
-    if not abs(said / rate - 1) <= _RATE_TOLERANCE:
+    if said != rate and not abs(said / rate - 1) <= _RATE_TOLERANCE:  # both may be infinite
         warnings.warn(
             f"{table.path}: the header says {entry[0]} {entry[1]}, the times have {rate:.6g} rows a second: "
             "the times are taken",
