@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from statistics import median
@@ -20,6 +19,7 @@ from mjhcmc.methods import METHODS, find_method
 from mjhcmc.methods.run import Progress, SolveInterrupted
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
+from mjhcmc.notices import each_notice_once
 from mjhcmc.opensim_reference import OpenSimRun, find_reference, read_reference
 from mjhcmc.paper import PAPER
 from mjhcmc.plant import MujocoPlant, State
@@ -178,7 +178,7 @@ def reproduce(
     try:
         for name in METHODS:
             method = find_method(name)
-            with _each_notice_once(told):  # the warm-up
+            with each_notice_once(told):  # the warm-up
                 solutions[name] = method(model, motion, dt=dt, physics_dt=physics_dt, progress=progress)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", MjhcmcWarning)
@@ -187,18 +187,6 @@ def reproduce(
         raise SolveInterrupted([solutions.get("hcmc", stop.solution)]) from stop
     opensim = None if find_reference() is None else read_reference(model, movement)
     return Reproduction(movement, solutions, times, bare_step_time(solutions["hcmc"]), opensim)
-
-
-@contextmanager
-def _each_notice_once(told: set[str]) -> Iterator[None]:
-    """Give each notice when the block ends, but not those told before: all methods say some of them."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", MjhcmcWarning)
-        yield
-    for notice in caught:
-        if str(notice.message) not in told:
-            told.add(str(notice.message))
-            warnings.warn(notice.message, stacklevel=4)
 
 
 def _figures(result: dict[str, Any]) -> list[float]:

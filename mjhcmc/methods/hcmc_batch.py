@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from mjhcmc.methods.run import Progress, SolveInterrupted, run_together
 from mjhcmc.methods.windows import Windows, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
+from mjhcmc.notices import each_notice_once
 from mjhcmc.plant import MujocoPlant
 from mjhcmc.solution import Solution
 from mjhcmc.solution_batch import SolutionBatch, agreed, one_each
@@ -115,7 +115,7 @@ def hcmc_batch(
             bench = MujocoPlant(model)
         given = moments[i if len(moments) > 1 else 0]
         try:
-            with _once(told):
+            with each_notice_once(told):
                 windows[i] = prepare(
                     model, motion, dt, physics_dt, **start, joint_moments=given, bench=bench, **choices
                 )
@@ -140,18 +140,6 @@ def hcmc_batch(
     if batch.errors:
         warnings.warn(batch.failures, MjhcmcWarning, stacklevel=2)
     return batch
-
-
-@contextmanager
-def _once(told: set[str]) -> Iterator[None]:
-    """Give each notice that the block gives, but for those told before."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", MjhcmcWarning)
-        yield
-    for notice in caught:
-        if str(notice.message) not in told:
-            told.add(str(notice.message))
-            warnings.warn(notice.message, stacklevel=4)
 
 
 def _threads(given: int | None) -> int:
