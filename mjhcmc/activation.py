@@ -20,7 +20,7 @@ _CLOSE = 1e-15  # of activation: rounding
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _rate(a: float, u: float, act: float, deact: float, smooth: float) -> float:
+def rate_of(a: float, u: float, act: float, deact: float, smooth: float) -> float:
     """Rate of activation, 1/s."""
     u = min(1.0, max(0.0, u))
     clamped = min(1.0, max(0.0, a))
@@ -40,10 +40,10 @@ def _rate(a: float, u: float, act: float, deact: float, smooth: float) -> float:
 def advance_one(a: float, u: float, act: float, deact: float, smooth: float, h: float, n: int) -> float:
     """Activation after n RK4 steps of length h under constant excitation."""
     for _ in range(n):
-        k1 = _rate(a, u, act, deact, smooth)
-        k2 = _rate(a + 0.5 * h * k1, u, act, deact, smooth)
-        k3 = _rate(a + 0.5 * h * k2, u, act, deact, smooth)
-        k4 = _rate(a + h * k3, u, act, deact, smooth)
+        k1 = rate_of(a, u, act, deact, smooth)
+        k2 = rate_of(a + 0.5 * h * k1, u, act, deact, smooth)
+        k3 = rate_of(a + 0.5 * h * k2, u, act, deact, smooth)
+        k4 = rate_of(a + h * k3, u, act, deact, smooth)
         a += h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
     return a
 

@@ -47,29 +47,23 @@ def moment_arms(plant: MujocoPlant) -> NDArray[np.float64]:
     return np.asarray(-dense[rows])
 
 
-def muscle_moments(plant: MujocoPlant, *, damping: bool = True) -> MuscleMoments:
-    """B and p at the plant's state (after `forward`), from the actuator forces at activation 0 and 1.
-
-    Without damping, the bias is that of the actuators alone.
+def muscle_moments(plant: MujocoPlant, *, damping: bool = True, steady: bool = False) -> MuscleMoments:
+    """B and p at the plant's state (after `forward`), of muscle force that is affine in activation.
 
     Leaves the plant's derived actuator forces at activation 0; its state is unchanged.
+
+    Args:
+        plant: the plant.
+        damping: whether the bias counts fiber damping that MuJoCo hosts as damping of the path.
+        steady: whether muscles are left to settle, see `MujocoPlant.steady_gain_and_bias`.
     """
-    m, d, index = plant.mj_model, plant.mj_data, plant.model.act_index
-    rows = m.actuator_outadr[plant.model.muscle_ids]
-    held = d.act[index]
-    d.act[index] = 1.0
-    mujoco.mj_fwdActuation(m, d)
-    full = -d.actuator_force[rows]
-    d.act[index] = 0.0
-    mujoco.mj_fwdActuation(m, d)
-    passive = -d.actuator_force[rows]
-    d.act[index] = held
-    gain = full - passive
+    gain, bias = plant.steady_gain_and_bias() if steady else plant.gain_and_bias()
+    R, p = moment_arms(plant), plant.mj_data.qfrc_actuator.copy()
     return MuscleMoments(
-        B=(moment_arms(plant) * gain[:, None]).T,
-        p=d.qfrc_actuator.copy(),
+        B=(R * gain[:, None]).T,
+        p=p + R.T @ bias if plant.hosts_muscles else p,
         gain=gain,
-        bias=passive + fiber_damping(plant.model, plant.mj_data) if damping else passive,
+        bias=bias + fiber_damping(plant.model, plant.mj_data) if damping else bias,
     )
 
 
@@ -107,19 +101,20 @@ def net_moment_for(plant: MujocoPlant, qacc: NDArray[np.float64]) -> NDArray[np.
 
 
 def damping_matrix(plant: MujocoPlant) -> NDArray[np.float64]:
-    """D = -dF/dv (nv, nv) of all smooth generalized forces at fixed activation, at the plant's last `forward`.
+    """D = -dF/dv (nv, nv) of all smooth generalized forces, at the plant's last `forward`.
 
-    F = qfrc_passive + qfrc_actuator - qfrc_bias, by forward differences. Leaves the plant's derived quantities stale;
-    its state is unchanged.
+    At fixed activation, and fiber length where tendons stretch. F = qfrc_passive + qfrc_actuator - qfrc_bias and what
+    muscles outside MuJoCo do, by forward differences. Leaves the plant's derived quantities stale; its state is
+    unchanged.
     """
     m, d = plant.mj_model, plant.mj_data
-    held, base = d.qvel.copy(), smooth_force(d)
+    held, base = d.qvel.copy(), smooth_force(d) + plant.hosted_moment()
     D = np.empty((m.nv, m.nv))
     for j in range(m.nv):
         d.qvel[j] += VELOCITY_STEP
         mujoco.mj_fwdVelocity(m, d)
         mujoco.mj_fwdActuation(m, d)
-        D[:, j] = (base - smooth_force(d)) / VELOCITY_STEP
+        D[:, j] = (base - smooth_force(d) - plant.hosted_moment()) / VELOCITY_STEP
         d.qvel[j] = held[j]
     return D
 
@@ -137,9 +132,9 @@ def stiffness_matrix(plant: MujocoPlant) -> NDArray[np.float64]:
         mujoco.mj_fwdVelocity(m, d)
         mujoco.mj_fwdActuation(m, d)
         if j < 0:
-            base = smooth_force(d)
+            base = smooth_force(d) + plant.hosted_moment()
         else:
-            K[:, j] = (base - smooth_force(d)) / POSITION_STEP
+            K[:, j] = (base - smooth_force(d) - plant.hosted_moment()) / POSITION_STEP
             d.qpos[j] = held[j]
     return K
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, NamedTuple, Protocol
@@ -48,6 +48,7 @@ class Layout:
         qvel: columns, (nv).
         activation: columns, (n_muscle).
         warmstart: columns, (nv).
+        fiber: columns, (n_muscle) where tendons are compliant, else none.
     """
 
     time: int
@@ -55,11 +56,12 @@ class Layout:
     qvel: slice
     activation: Index
     warmstart: slice
+    fiber: slice = field(default_factory=lambda: slice(0, 0))
 
     def state(self, row: Array) -> State:
         """A row as a `State`."""
-        parts = (row[columns].copy() for columns in (self.qpos, self.qvel, self.activation, self.warmstart))
-        return State(float(row[self.time]), *parts)
+        columns = (self.qpos, self.qvel, self.activation, self.warmstart, self.fiber)
+        return State(float(row[self.time]), *(row[part].copy() for part in columns))
 
 
 class Linearization(NamedTuple):
@@ -132,13 +134,15 @@ class Lockstep:
         threads: threads to step on, the caller's among them.
     """
 
+    _probed: tuple[str, ...] = _PROBED
+
     def __init__(
         self, models: Sequence[MuscleModel], physics_dt: float, externals: Sequence[External | None], threads: int = 1
     ) -> None:
         self.count, self.physics_dt = len(models), physics_dt
         self._models, self._externals, self._threads = models, externals, threads
         self._differ = any(model is not models[0] for model in models)
-        self._nodes: tuple[Batch, _Bound] | None = None
+        self._nodes: tuple[Batch, Bound] | None = None
         self._loaded = any(external is not None for external in externals)
         self._faults: dict[int, str] = {}
         self._batches = {1.0: self._batch(1.0)}
@@ -171,10 +175,10 @@ class Lockstep:
         return batch
 
     @cached_property
-    def _probe(self) -> tuple[Batch, _Bound]:
+    def _probe(self) -> tuple[Batch, Bound]:
         """Each simulation 2 + nv times, to look around a state in one call."""
         batch = self._batch(1.0, 2 + self._models[0].nv)
-        return batch, _Bound(batch, self._models[0], _PROBED)
+        return batch, Bound(batch, self._models[0], self._probed)
 
     def rows(self, states: Sequence[State]) -> Array:
         """See `Plants`."""
@@ -204,14 +208,14 @@ class Lockstep:
                 failed |= self._call(batch, batch.step, ids)
         else:
             failed = self._call(batch, batch.step, ids, n_step)
-        return _without(failed, ids, batch.state[where].copy())
+        return without(failed, ids, batch.state[where].copy())
 
     def acceleration(self, ids: Ids, rows: Array, reserve: Array) -> Array:
         """See `Plants`."""
         batch, where = self._batches[1.0], self._where(ids)
         batch.state[where] = self._under(ids, rows, reserve)
         failed = self._call(batch, batch.forward, ids)
-        return _without(failed, ids, self._qacc[where].copy())
+        return without(failed, ids, self._qacc[where].copy())
 
     def linearize(
         self, ids: Ids, rows: Array, reserve: Array, *, stiffness: bool = False, damping: bool = False
@@ -233,9 +237,9 @@ class Lockstep:
             failed |= self._look(ids, start, self.layout.qpos.start, POSITION_STEP)[0]
             K = np.empty((b, nv, nv))
             read_slopes(ids, POSITION_STEP, bound.qfrc_smooth, K)
-        return Linearization(_without(failed, ids, qacc), M, B, gain, bias, D, K)
+        return Linearization(without(failed, ids, qacc), M, B, gain, bias, D, K)
 
-    def _look(self, ids: Ids, start: Array, first: int, step: float) -> tuple[set[int], _Bound, Array]:
+    def _look(self, ids: Ids, start: Array, first: int, step: float) -> tuple[set[int], Bound, Array]:
         """Look around states; returns what failed, the derived quantities and the rows that they belong to."""
         batch, bound = self._probe
         copies = 2 + self._models[0].nv
@@ -258,7 +262,7 @@ class Lockstep:
         model = self._models[i]
         if self._nodes is None or self._nodes[0].nsim != len(rows):
             batch = Batch(model.mj_model, len(rows), self._threads)
-            self._nodes = batch, _Bound(batch, model, _AT_NODES)
+            self._nodes = batch, Bound(batch, model, _AT_NODES)
         batch, bound = self._nodes
         if self._differ:
             batch.set_models(model.mj_model)
@@ -300,13 +304,15 @@ class Lockstep:
         return np.zeros((len(times), self._models[i].nv)) if external is None else external(times)
 
 
-class _Bound:
+class Bound:
     """MuJoCo's derived quantities of a batch, (nsim, ...), by MuJoCo's names; up to date after each of its calls."""
 
     qacc: Array
     M: Array
+    nefc: NDArray[np.int32]
     qfrc_smooth: Array
     actuator_force: Array
+    actuator_length: Array
     actuator_velocity: Array
     ten_velocity: Array
     M_index: tuple[Any, Any, Any]
@@ -340,7 +346,7 @@ def _as_slice(columns: NDArray[np.intp]) -> Index:
     return slice(int(columns[0]), int(columns[0]) + len(columns)) if together else columns.astype(np.intp)
 
 
-def _without(failed: set[int], ids: Ids, values: Array) -> Array:
+def without(failed: set[int], ids: Ids, values: Array) -> Array:
     """The values, NaN for simulations that failed."""
     if failed:
         values[[int(i) in failed for i in ids]] = np.nan

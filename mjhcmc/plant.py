@@ -8,7 +8,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -42,6 +42,7 @@ class State:
         activation: (n_muscle,).
         warmstart: (nv,) acceleration that MuJoCo's constraint solver starts from; part of the state, so that a window
             stepped twice gives the same bits.
+        fiber_length: (n_muscle,) m where tendons are compliant, else empty.
     """
 
     time: float
@@ -49,6 +50,22 @@ class State:
     qvel: NDArray[np.float64]
     activation: NDArray[np.float64]
     warmstart: NDArray[np.float64]
+    fiber_length: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What muscles can have made of their activation when a window ends.
+
+    Attributes:
+        low: (n_muscle,) lowest activation that can be reached.
+        high: (n_muscle,) highest.
+        excitation: the excitation (n_muscle,) that leads to an activation (n_muscle,).
+    """
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    excitation: Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 class MujocoPlant:
@@ -62,6 +79,9 @@ class MujocoPlant:
     Raises:
         SettingsError: physics_dt is not a positive number.
     """
+
+    hosts_muscles: bool = False
+    """Whether muscles outside MuJoCo drive the bodies."""
 
     def __init__(self, model: MuscleModel, physics_dt: float = 1e-3, external: External | None = None) -> None:
         if not (math.isfinite(physics_dt) and physics_dt > 0):
@@ -124,6 +144,57 @@ class MujocoPlant:
         mujoco.mj_forward(self.mj_model, self.mj_data)
         qacc: NDArray[np.float64] = self.mj_data.qacc
         return qacc
+
+    def hosted_moment(self) -> NDArray[np.float64]:
+        """(nv,) N m: what muscles outside MuJoCo do at the joints at the derived quantities as they are."""
+        return np.zeros(self.mj_model.nv)
+
+    def gain_and_bias(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Muscle force as gain a + bias, each (n_muscle,) N, pulling positive, at the plant's last `forward`.
+
+        Leaves the derived actuator forces at activation 0; the plant's state is unchanged.
+        """
+        m, d, index = self.mj_model, self.mj_data, self.model.act_index
+        rows = m.actuator_outadr[self.model.muscle_ids]
+        held = d.act[index]
+        d.act[index] = 1.0
+        mujoco.mj_fwdActuation(m, d)
+        full = -d.actuator_force[rows]
+        d.act[index] = 0.0
+        mujoco.mj_fwdActuation(m, d)
+        bias = -d.actuator_force[rows]
+        d.act[index] = held
+        return full - bias, bias
+
+    def steady_gain_and_bias(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The same of muscles that are left to settle; of MuJoCo's, which do at once, the same."""
+        return self.gain_and_bias()
+
+    def steady_activation(self, effective: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n_muscle,) activation at which settled muscles pull gain x + bias of `steady_gain_and_bias`."""
+        return effective
+
+    def internal_rate(self) -> float:
+        """1/s, fastest decay within the muscles themselves, at the plant's last `forward`."""
+        return 0.0
+
+    def outlook(self, state: State, expected: State, n_step: int, least: NDArray[np.float64]) -> Outlook:
+        """What muscles can do between a state and the one expected n_step physics steps later.
+
+        Leaves the plant at the expected state, after `forward`, without reserves.
+
+        Args:
+            state: now.
+            expected: its position and velocity count.
+            n_step: physics steps.
+            least: (n_muscle,) lowest activation that muscles may be asked for.
+        """
+        low, high = self.reachable(state.activation, n_step)
+        self.set_state(expected)
+        self.set_input(None, np.zeros(self.model.nv))
+        self.forward()
+        low = np.minimum(np.maximum(low, least), high)
+        return Outlook(low, high, lambda goal: self.excitation_reaching(state.activation, goal, n_step))
 
     def reachable(
         self, activation: NDArray[np.float64], n_step: int

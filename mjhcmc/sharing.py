@@ -76,6 +76,11 @@ class Sharing:
         parts = {name: getattr(self, name)[which] for name in _BY_MUSCLE}
         return replace(self, **parts)
 
+    @cached_property
+    def unbounded(self) -> Sharing:
+        """The same without a least activation of its own: where bounds hold it already."""
+        return replace(self, min_activation=np.full_like(self.weights, -np.inf))
+
     @property
     def counts_forces(self) -> bool:
         """Whether the cost is one of whole forces, so that it needs to know fiber damping."""

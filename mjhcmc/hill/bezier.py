@@ -142,6 +142,16 @@ class BezierCurve:
                 x[where] = _horner(powers[0], _solve_monotone(powers[1], flat[where]))
         return x.reshape(values.shape)
 
+    def tables(self) -> tuple[Array, Array, Array]:
+        """What the curve is made of, for code that evaluates it elsewhere.
+
+        Returns:
+            (n + 1, 3) x, y and slope of the corners; (n, 2, 6) coefficients of x(u) and y(u) of each segment, of rising
+            powers of u in [0, 1]; (n, k) the u of evenly spaced x of each segment, to begin Newton's method from.
+        """
+        slopes = [self._first.slope, *self.derivative(self._knots[1:-1]), self._last.slope]
+        return np.stack([self._knots, self._heights, slopes], axis=1), self._powers.copy(), np.stack(self._guesses)
+
     def _pieces(self) -> list[tuple[Array, float, float]]:
         return list(zip(self._powers, self._knots[:-1].tolist(), self._knots[1:].tolist(), strict=True))
 

@@ -18,14 +18,17 @@ from mjhcmc.hill.errors import HillError
 
 Array = NDArray[np.float64]
 
-_GAUSSIANS = (
+BELLS = (
     (0.8150671134243542, 1.055033428970575, 0.162384573599574, 0.063303448465465),
     (0.433004984392647, 0.716775413397760, -0.029947116970696, 0.200356847296188),
     (0.1, 1.0, 0.353553390593274, 0.0),
 )
 """b1, b2, b3, b4 of the three bells."""
 
-_D1, _D2, _D3, _D4 = -0.3211346127989808, -8.149, -0.374, 0.8825327733249912
+FORCE_VELOCITY = (-0.3211346127989808, -8.149, -0.374, 0.8825327733249912)
+"""d1, d2, d3, d4."""
+
+_D1, _D2, _D3, _D4 = FORCE_VELOCITY
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class DeGrooteFreglyActive:
         value, slope = np.zeros_like(length), np.zeros_like(length)
         # A bell's width b3 + b4 l passes 0 only below fiber length 0, but for the second's at .149: there it is 0.
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            for b1, b2, b3, b4 in _GAUSSIANS:
+            for b1, b2, b3, b4 in BELLS:
                 spread = 1.0 / (b3 + b4 * length)
                 z = (length - b2) * spread
                 bell = b1 * np.exp(-0.5 * z * z)
@@ -100,11 +103,16 @@ class DeGrooteFreglyPassive:
 
     def evaluate(self, x: ArrayLike) -> tuple[Array, Array]:
         """Multiplier and slope together."""
+        rate, scale, offset = self.exponential()
+        grown = scale * np.exp(rate * (np.asarray(x, dtype=np.float64) - 1.0))
+        return grown - offset, rate * grown
+
+    def exponential(self) -> tuple[float, float, float]:
+        """r, s and c of the curve written as s exp(r (l - 1)) - c."""
         rate = self.shape / self.strain
         offset = np.exp(rate * (self.zero_length - 1.0))
         scale = 1.0 / (np.exp(self.shape) - offset)
-        grown = scale * np.exp(rate * (np.asarray(x, dtype=np.float64) - 1.0))
-        return grown - scale * offset, rate * grown
+        return float(rate), float(scale), float(scale * offset)
 
 
 @dataclass(frozen=True)

@@ -181,20 +181,17 @@ class _Cmc:
         ahead = windows.reference_at(reference.time[k] + n_step * plant.physics_dt)
         q_error, v_error = reference.qpos[k] - state.qpos, reference.qvel[k] - state.qvel
         qacc = ahead.qacc[0] + self.kv * v_error + self.kp * q_error
-        lb, ub = plant.reachable(state.activation, n_step)
-
         rate = rate_at(plant, state, before.reserve)
         expected = replace(state, time=float(ahead.time[0]), qpos=ahead.qpos[0] - q_error, qvel=ahead.qvel[0] - v_error)
-        plant.set_state(expected)
-        plant.set_input(None, np.zeros(windows.model.nv))
-        plant.forward()
+        outlook = plant.outlook(state, expected, n_step, windows.sharing.min_activation)
+        sharing = windows.sharing.unbounded  # the outlook's bounds hold the least activation
         moments = dynamics.muscle_moments(plant, damping=windows.sharing.counts_forces)
         Q = dynamics.required_moment(plant, qacc, moments.p)
         activation, lacking = self._targets(
-            windows.sharing, moments, Q, (lb, ub), dynamics.mass_matrix(plant), before=state.activation
+            sharing, moments, Q, (outlook.low, outlook.high), dynamics.mass_matrix(plant), before=state.activation
         )
         return Inputs(
-            excitation=windows.sharing.excitation(plant.excitation_reaching(state.activation, activation, n_step)),
+            excitation=sharing.excitation(outlook.excitation(activation)),
             reserve=lacking if self.reserves else np.zeros_like(lacking),
             shortfall=lacking,
             fastest_rate=rate,

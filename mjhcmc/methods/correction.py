@@ -149,26 +149,20 @@ def correct(
     if not state.all():
         open_ = np.flatnonzero(state != _SETTLED)
         goal = np.full((b, n), np.nan)
-        program = _Program(answers, wanted, Q, low, high)
-        rest = (
-            _share_carefully(open_, trial, sharing, program, (w, a0, price), goal, shortfall, reserves)
-            if ours
-            else open_
+        program = Program(answers, wanted, Q, low, high)
+        errors = share_the_rest(
+            open_, trial, sharing, program, (w, a0, price) if ours else None, goal, shortfall, reserves=reserves
         )
-        for i in rest.tolist():
-            try:
-                goal[i], shortfall[i] = _share_by(i, trial, sharing.of(i), program, reserves)
-            except SimulationError as error:
-                errors[i] = error
-                excitation[i], shortfall[i] = 0.0, 0.0
         for i in open_.tolist():
-            if i not in errors:
+            if i in errors:
+                excitation[i], shortfall[i] = 0.0, 0.0
+            else:
                 parts = (reach.parameters[i], reach.step, reach.n_step, reach.excitation_range[i])
                 excitation[i] = excitation_for(trial.start_activation[i], goal[i], *parts)
     return Correction(sharing.excitation(excitation), shortfall, errors, rate)
 
 
-class _Program(NamedTuple):
+class Program(NamedTuple):
     """What `_linearize` found, with the bounds: answers (b, nv, n + nv), wanted, Q (b, nv), low, high (b, n)."""
 
     answers: Array
@@ -178,11 +172,44 @@ class _Program(NamedTuple):
     high: Array
 
 
+def share_the_rest(
+    which: NDArray[np.intp],
+    trial: Trial,
+    sharing: Sharing,
+    program: Program,
+    cost: tuple[Array, Array, Array] | None,
+    goal: Array,
+    shortfall: Array,
+    *,
+    reserves: bool,
+) -> dict[int, SimulationError]:
+    """Fill goal (b, n) and shortfall (b, nv) where the allocation is no routine one; returns what fails.
+
+    Args:
+        which: the simulations.
+        trial: what was found.
+        sharing: of all b.
+        program: what is shared.
+        cost: w, a0 and price of all b, for our own solver; None: the one that sharing names.
+        goal: filled.
+        shortfall: filled.
+        reserves: as `correct`.
+    """
+    rest = which if cost is None else _share_carefully(which, trial, sharing, program, cost, goal, shortfall, reserves)
+    errors: dict[int, SimulationError] = {}
+    for i in rest.tolist():
+        try:
+            goal[i], shortfall[i] = _share_by(i, trial, sharing.of(i), program, reserves)
+        except SimulationError as error:
+            errors[i] = error
+    return errors
+
+
 def _share_carefully(
     which: NDArray[np.intp],
     trial: Trial,
     sharing: Sharing,
-    program: _Program,
+    program: Program,
     cost: tuple[Array, Array, Array],
     goal: Array,
     shortfall: Array,
@@ -218,7 +245,7 @@ def _share_carefully(
     return which
 
 
-def _share_by(i: int, trial: Trial, sharing: Sharing, program: _Program, reserves: bool) -> tuple[Array, Array]:
+def _share_by(i: int, trial: Trial, sharing: Sharing, program: Program, reserves: bool) -> tuple[Array, Array]:
     """As `_share`, of one simulation by any solver and for any cost."""
     answers, wanted, Q, low, high = (part[i] for part in program)
     n = len(low)
@@ -283,89 +310,107 @@ def _linearize(  # type: ignore[no-untyped-def]
             rate[b] = max(rate[b], total)
 
 
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
+def settle(  # type: ignore[no-untyped-def]
+    B, M, answers, wanted, Q, a_end, s_end, lb, ub, w, a0, elasticity, reserves, price, a, shortfall
+):
+    """Move Q until A da + T ds = N r holds, in one simulation; False where the allocation is no routine one.
+
+    Fills a (n_muscle,), shortfall (nv,), N m, and price (nv,), from which it also begins.
+    """
+    nv, n = B.shape
+    P, T, left = np.empty((nv, nv)), np.empty((nv, nv)), np.empty((nv, 1))
+    rows, mean = np.empty((nv, n)), 0.0
+    s, target, missing, moved, y = np.empty(nv), np.empty(nv), np.empty(nv), np.empty(nv), np.empty(nv)
+    for m in range(n):
+        mean += w[m] / n
+    for i in range(nv):
+        for j in range(nv):
+            P[i, j], T[i, j] = 0.0, answers[i, n + j]
+        if reserves:
+            P[i, i] = 1.0 / np.sqrt(M[i, i])
+        missing[i], moved[i], y[i] = wanted[i], Q[i], price[i]
+    if not reserves:
+        whitening(M, P)
+    strength = 0.0
+    for i in range(nv):
+        total = 0.0
+        for m in range(n):
+            rows[i, m] = 0.0
+            for j in range(nv):
+                rows[i, m] += P[i, j] * B[j, m]
+            total += abs(rows[i, m])
+        strength = max(strength, total)
+    if strength <= _NO_STRENGTH:
+        strength = 1.0
+    for i in range(nv):
+        for j in range(nv):
+            P[i, j] /= strength
+        for m in range(n):
+            rows[i, m] /= strength
+    routine = True
+    for _ in range(_MOST_REFINEMENTS):
+        for i in range(nv):
+            moved[i] += missing[i]
+        for i in range(nv):
+            target[i] = 0.0
+            for j in range(nv):
+                target[i] += P[i, j] * moved[j]
+            routine = routine and abs(target[i]) < np.inf
+        if not routine:
+            break
+        routine = newton(rows, target, lb, ub, w, a0, elasticity / mean, y, a) >= 0
+        most, most_wanted = 0.0, 0.0
+        for i in range(nv):
+            s[i] = moved[i]
+            for m in range(n):
+                s[i] -= B[i, m] * a[m]
+        for i in range(nv):
+            priced = 0.0
+            missing[i] = wanted[i] - s[i]
+            for j in range(nv):
+                priced += P[i, j] * s[j]
+                missing[i] += T[i, j] * s_end[j]
+            for m in range(n):
+                missing[i] -= answers[i, m] * (a[m] - a_end[m])
+            routine = routine and abs(priced) <= _LARGE_RESERVE
+            most, most_wanted = max(most, abs(missing[i])), max(most_wanted, abs(wanted[i]))
+        if not routine or most <= _REFINED * most_wanted:
+            break
+    if routine:
+        for i in range(nv):
+            left[i, 0], price[i] = s[i], y[i]
+        solve_in_place(T, left)
+        for i in range(nv):
+            shortfall[i] = left[i, 0]
+    return routine
+
+
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _share(  # type: ignore[no-untyped-def]
     first, last, a_start, s_end, a_end, B, M, prm, limits, step, n_step, close, least, off, w, a0, elasticity, reserves,
     ours, price, answers, wanted, Q, low, high, excitation, shortfall, state,
 ):  # fmt: skip
-    """Move Q until A da + T ds = N r holds, and find the excitations; _OPEN where the allocation is no routine one."""
-    nv, n = B.shape[1:]
-    P, T, left = np.empty((nv, nv)), np.empty((nv, nv)), np.empty((nv, 1))
-    rows, lb, ub, a = np.empty((nv, n)), np.empty(n), np.empty(n), np.empty(n)
-    s, target, missing, moved, y = np.empty(nv), np.empty(nv), np.empty(nv), np.empty(nv), np.empty(nv)
+    """Share with `settle`, and find the excitations; _OPEN where the allocation is no routine one."""
+    n = B.shape[2]
+    lb, ub, a = np.empty(n), np.empty(n), np.empty(n)
     for b in range(first, last):
         state[b] = _OPEN
-        mean = 0.0
         for m in range(n):
             act, deact, smooth = prm[b, m, 0], prm[b, m, 1], prm[b, m, 2]
             low[b, m] = advance_one(a_start[b, m], limits[b, m, 0], act, deact, smooth, step, n_step)
             high[b, m] = advance_one(a_start[b, m], limits[b, m, 1], act, deact, smooth, step, n_step)
             lb[m] = min(max(low[b, m], least[b, m]), high[b, m])
             ub[m] = lb[m] if off[b, m] else high[b, m]
-            mean += w[b, m] / n
         if not ours:
             continue
-        for i in range(nv):
-            for j in range(nv):
-                P[i, j], T[i, j] = 0.0, answers[b, i, n + j]
-            if reserves:
-                P[i, i] = 1.0 / np.sqrt(M[b, i, i])
-            missing[i], moved[i], y[i] = wanted[b, i], Q[b, i], price[b, i]
-        if not reserves:
-            whitening(M[b], P)
-        strength = 0.0
-        for i in range(nv):
-            total = 0.0
-            for m in range(n):
-                rows[i, m] = 0.0
-                for j in range(nv):
-                    rows[i, m] += P[i, j] * B[b, j, m]
-                total += abs(rows[i, m])
-            strength = max(strength, total)
-        if strength <= _NO_STRENGTH:
-            strength = 1.0
-        for i in range(nv):
-            for j in range(nv):
-                P[i, j] /= strength
-            for m in range(n):
-                rows[i, m] /= strength
-        routine = True
-        for _ in range(_MOST_REFINEMENTS):
-            for i in range(nv):
-                moved[i] += missing[i]
-            for i in range(nv):
-                target[i] = 0.0
-                for j in range(nv):
-                    target[i] += P[i, j] * moved[j]
-                routine = routine and abs(target[i]) < np.inf
-            if not routine:
-                break
-            routine = newton(rows, target, lb, ub, w[b], a0[b], elasticity / mean, y, a) >= 0
-            most, most_wanted = 0.0, 0.0
-            for i in range(nv):
-                s[i] = moved[i]
-                for m in range(n):
-                    s[i] -= B[b, i, m] * a[m]
-            for i in range(nv):
-                priced = 0.0
-                missing[i] = wanted[b, i] - s[i]
-                for j in range(nv):
-                    priced += P[i, j] * s[j]
-                    missing[i] += T[i, j] * s_end[b, j]
-                for m in range(n):
-                    missing[i] -= answers[b, i, m] * (a[m] - a_end[b, m])
-                routine = routine and abs(priced) <= _LARGE_RESERVE
-                most, most_wanted = max(most, abs(missing[i])), max(most_wanted, abs(wanted[b, i]))
-            if not routine or most <= _REFINED * most_wanted:
-                break
+        routine = settle(
+            B[b], M[b], answers[b], wanted[b], Q[b], a_end[b], s_end[b], lb, ub, w[b], a0[b], elasticity, reserves,
+            price[b], a, shortfall[b],
+        )  # fmt: skip
         if not routine:
             continue
         state[b] = _SETTLED
-        for i in range(nv):
-            left[i, 0], price[b, i] = s[i], y[i]
-        solve_in_place(T, left)
-        for i in range(nv):
-            shortfall[b, i] = left[i, 0]
         for m in range(n):
             excitation[b, m] = invert_one(
                 a_start[b, m], a[m], limits[b, m, 0], limits[b, m, 1], low[b, m], high[b, m], prm[b, m, 0],

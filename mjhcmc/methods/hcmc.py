@@ -165,4 +165,9 @@ class Hcmc:
 
     def drive(self, team: Team) -> Driver:
         """See `run.Method`."""
+        own = team.windows[0].own_plant
+        if own is not None and own.hosts_muscles:
+            from mjhcmc.methods.force_driver import ForceDriver
+
+            return ForceDriver(self, team)
         return HcmcDriver(self, team)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numba
@@ -10,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.lockstep import Linearization
-from mjhcmc.methods.correction import Reach, Trial, correct
+from mjhcmc.methods.correction import Correction, Reach, Trial, correct
 from mjhcmc.methods.record import diverged, padded
 from mjhcmc.methods.run import Team
 from mjhcmc.methods.windows import decay_rate
+from mjhcmc.motion import Reference
 from mjhcmc.plant import RK4_LIMIT
 from mjhcmc.qp_back_ends import NEWTON
 from mjhcmc.sharing import together
@@ -82,14 +84,13 @@ class HcmcDriver:
             np.stack([m.activation_parameters for m in models]), np.stack([m.excitation_range for m in models]),
             team.physics_dt, team.n_step,
         )  # fmt: skip
-        length = int(team.count.max()) + 1
-        self._qpos, self._qvel, self._qacc = (
-            np.stack([padded(getattr(w.reference, name), length) for w in windows], axis=1)
-            for name in ("qpos", "qvel", "qacc")
-        )
+        self._ahead = team.dt
+        now = self._references([w.reference for w in windows])
+        self._qpos, self._qvel = now[0], now[1]
+        self._goal_qpos, self._goal_qvel, self._goal_qacc = (values[1:] for values in now)
         rms = np.stack([w.rms_qacc for w in windows])
         self._least_authority = rms if settings.reserves else np.zeros_like(rms)
-        self._largest = np.abs(self._qacc).max(axis=(0, 2))
+        self._largest = np.abs(now[2]).max(axis=(0, 2))
         share = settings.tolerance * min(1.0, (team.dt / _USUAL_DT) ** 2)
         # a joint held still is judged by those that move
         hinge = np.stack([m.joint_is_rotation for m in models])
@@ -97,6 +98,15 @@ class HcmcDriver:
         self._missable = share * np.maximum(rms, _OF_OTHERS * others)
         self._M, self._B, self._K = np.empty((b, nv, nv)), np.empty((b, nv, n)), np.empty((b, nv, nv))
         self._qacc_at, self._before, self._price = np.empty((b, nv)), np.empty((b, n)), np.zeros((b, nv))
+
+    def _references(self, references: Sequence[Reference]) -> tuple[Array, Array, Array]:
+        """Desired positions, velocities and accelerations of all simulations, (n, b, nv)."""
+        length = int(self._team.count.max()) + 1
+        found = [
+            np.stack([padded(getattr(r, name), length) for r in references], axis=1)
+            for name in ("qpos", "qvel", "qacc")
+        ]
+        return found[0], found[1], found[2]
 
     def window(self, k: int, ids: Ids, rows: Array) -> Array:
         """See `run.Driver` and the module's docstring."""
@@ -122,7 +132,7 @@ class HcmcDriver:
                 )
                 here = here._replace(around=there)
                 self._keep(here.at, there)
-            self._correct(here, ends, self._missing(here, ends, qacc), step, n_step)
+            self._correct(here, ends, self._missing(k, here.at, (here.kp, here.kv), ends, qacc), step, n_step)
             ends = plants.step(here.ids, here.rows, team.excitation[here.at], team.reserve[here.at], team.n_step)
             step, n_step = team.physics_dt, team.n_step
             qacc = plants.acceleration(here.ids, ends, team.reserve[here.at])
@@ -133,7 +143,9 @@ class HcmcDriver:
                 final[whom] = ends
             if trial + 1 == settings.trials:
                 break
-            again = np.any(np.abs(self._missing(here, ends, qacc)) > self._missable[here.at], axis=1)
+            again = np.any(
+                np.abs(self._missing(k, here.at, (here.kp, here.kv), ends, qacc)) > self._missable[here.at], axis=1
+            )
             if not again.any():
                 break
             if not again.all():
@@ -169,7 +181,7 @@ class HcmcDriver:
         for j, i in enumerate(who.tolist()):
             if _finite(found.M[j], found.D[j]):
                 team.fastest_rate[i] = decay_rate(found.M[j], found.D[j])
-            missed = np.abs(self._qacc[k + 1, i] - found.qacc[j]).max()
+            missed = np.abs(self._goal_qacc[k, i] - found.qacc[j]).max()
             if team.fastest_rate[i] > limit and not missed <= _RUN_AWAY * self._largest[i]:
                 ends[suspect[j]] = np.nan
 
@@ -194,12 +206,12 @@ class HcmcDriver:
         either way. Where reserves help it is at least the rms of q''_d, or a motion beyond the muscles would be fed
         forward and not fed back. A joint that nothing limits keeps gain/h.
         """
-        layout, settings, h = self._layout, self._settings, self._team.dt
+        layout, settings, h = self._layout, self._settings, self._ahead
         qacc = self._qacc_at[at]
         kp, kv, goal, expected = np.empty_like(qacc), np.empty_like(qacc), np.empty_like(qacc), rows.copy()
         _fill_aim(
-            self._M[at], self._B[at], self._qpos[k, at], self._qvel[k, at], self._qpos[k + 1, at],
-            self._qvel[k + 1, at], self._qacc[k + 1, at], qacc, layout.qpos.start, layout.qvel.start,
+            self._M[at], self._B[at], self._qpos[k, at], self._qvel[k, at], self._goal_qpos[k, at],
+            self._goal_qvel[k, at], self._goal_qacc[k, at], qacc, layout.qpos.start, layout.qvel.start,
             self._least_authority[at], float(settings.authority), float(settings.gain), h, kp, kv, goal, expected,
         )  # fmt: skip
         expected[:, layout.time] += h
@@ -227,11 +239,11 @@ class HcmcDriver:
             ends[failed] = plants.step(ids[failed], rows[failed], u[failed], s[failed], team.n_step)
         return ends, team.dt / n, n
 
-    def _missing(self, here: _Here, ends: Array, qacc: Array) -> Array:
-        """(b, nv) rad/s^2, r of the module's docstring."""
-        layout, k, at = self._layout, here.k + 1, here.at
-        v_error, q_error = self._qvel[k, at] - ends[:, layout.qvel], self._qpos[k, at] - ends[:, layout.qpos]
-        r: Array = self._qacc[k, at] + here.kv * v_error + here.kp * q_error - qacc
+    def _missing(self, k: int, at: Index, gains: tuple[Array, Array], ends: Array, qacc: Array) -> Array:
+        """(b, nv) rad/s^2, r of the module's docstring, under gains kp and kv."""
+        layout, (kp, kv) = self._layout, gains
+        v_error, q_error = self._goal_qvel[k, at] - ends[:, layout.qvel], self._goal_qpos[k, at] - ends[:, layout.qpos]
+        r: Array = self._goal_qacc[k, at] + kv * v_error + kp * q_error - qacc
         return r
 
     def _correct(self, here: _Here, ends: Array, missing: Array, step: float, n_step: int) -> None:
@@ -249,10 +261,15 @@ class HcmcDriver:
             trial, reach, sharing, price, reserves=self._settings.reserves, threads=self._settings.threads
         )
         self._price[at] = price
+        self._take(here.k, here.ids, at, correction, (missing, found.B, found.D))
+
+    def _take(self, k: int, ids: Ids, at: Index, correction: Correction, seen: tuple[Array, ...]) -> None:
+        """Put a correction into the team, which followed from what was seen, (b, ...) each."""
+        team, ours = self._team, self._sharing.solver == NEWTON and self._sharing.cost != "cubic"
         for j, error in correction.errors.items():
-            i, ours = int(here.ids[j]), self._sharing.solver == NEWTON and self._sharing.cost != "cubic"
-            if ours or not _finite(missing[j], found.B[j], found.D[j]):  # ours does not fail where numbers make sense
-                error = diverged(team.windows[i], here.k)
+            i = int(ids[j])
+            if ours or not _finite(*(part[j] for part in seen)):  # ours does not fail where numbers make sense
+                error = diverged(team.windows[i], k)
             team.errors.setdefault(i, error)
         team.excitation[at], team.shortfall[at] = correction.excitation, correction.shortfall
         team.reserve[at] = correction.shortfall if self._settings.reserves else 0.0

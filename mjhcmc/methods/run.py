@@ -262,6 +262,10 @@ def _outcome(record: Record, team: Team, i: int) -> Solution | SimulationError:
 
 def _plants(windows: Sequence[Windows], threads: int) -> Plants:
     own = [w.own_plant for w in windows if w.own_plant is not None]
+    if own and all(plant.hosts_muscles for plant in own):
+        from mjhcmc.hosted.plant import lockstep_of
+
+        return lockstep_of(own, threads)
     if own:
         return OneByOne(own)
     return Lockstep([w.model for w in windows], windows[0].physics_dt, [w.external for w in windows], threads)
@@ -292,12 +296,12 @@ def static_start(windows: Windows, *, reserves: bool) -> tuple[State, Inputs]:
     plant.set_state(start if given else replace(start, activation=np.zeros(model.n_muscle)))
     plant.set_input(None, np.zeros(model.nv))
     plant.forward()
-    moments = dynamics.muscle_moments(plant, damping=sharing.counts_forces)
+    moments = dynamics.muscle_moments(plant, damping=sharing.counts_forces, steady=True)
     Q = dynamics.required_moment(plant, windows.reference.qacc[0], moments.p)
     low, high = model.excitation_range.T
     price = reserve_price(dynamics.mass_matrix(plant), reserves=reserves)
     found = sharing.allocate(sharing.problem(moments, Q, low, high, price, None))
-    state = start if given else replace(start, activation=found.activation)
+    state = start if given else replace(start, activation=plant.steady_activation(found.activation))
     inputs = Inputs(
         excitation=sharing.excitation(np.clip(state.activation, low, high)),
         reserve=found.reserve if reserves else np.zeros(model.nv),
@@ -312,8 +316,8 @@ def rate_at(plant: MujocoPlant, state: State, reserve: NDArray[np.float64]) -> f
     plant.set_state(state)
     plant.set_input(None, reserve)
     plant.forward()
-    M = dynamics.mass_matrix(plant)
-    return decay_rate(M, dynamics.damping_matrix(plant), RK4_LIMIT / plant.physics_dt)
+    M, internal = dynamics.mass_matrix(plant), plant.internal_rate()
+    return max(internal, decay_rate(M, dynamics.damping_matrix(plant), RK4_LIMIT / plant.physics_dt))
 
 
 def reserve_price(M: NDArray[np.float64], *, reserves: bool) -> NDArray[np.float64]:

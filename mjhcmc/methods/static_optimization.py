@@ -107,18 +107,19 @@ def _plan(windows: Windows, *, reserves: bool) -> _Plan:
     rest, zero = np.zeros(model.n_muscle), np.zeros(model.nv)
     low, high = model.excitation_range.T
     found: list[Allocation] = []
-    B = []
+    activation, B = [], []
     for k, time in enumerate(reference.time):
         plant.set_state(State(float(time), reference.qpos[k], reference.qvel[k], rest, zero))
         plant.set_input(None, zero)
         plant.forward()
-        moments = dynamics.muscle_moments(plant, damping=sharing.counts_forces)
+        moments = dynamics.muscle_moments(plant, damping=sharing.counts_forces, steady=True)
         Q = dynamics.required_moment(plant, reference.qacc[k], moments.p)
         price = reserve_price(dynamics.mass_matrix(plant), reserves=reserves)
         before = found[-1].activation if found else None
         found.append(sharing.allocate(sharing.problem(moments, Q, low, high, price, before)))
+        activation.append(plant.steady_activation(found[-1].activation))
         B.append(moments.B)
-    return _Plan(np.array([f.activation for f in found]), np.array([f.reserve for f in found]), np.array(B))
+    return _Plan(np.array(activation), np.array([f.reserve for f in found]), np.array(B))
 
 
 @dataclass(frozen=True)

@@ -75,9 +75,9 @@ class Windows:
         """(nv,) rad/s^2 or m/s^2, root mean square of the desired accelerations."""
         return np.asarray(np.sqrt((self.reference.qacc**2).mean(axis=0)))
 
-    def reference_at(self, time: float) -> Reference:
-        """The desired motion at one time; after its end, at its end."""
-        return self.motion.sample(min(time, self.motion.end))
+    def reference_at(self, time: ArrayLike) -> Reference:
+        """The desired motion at one time or at several; after its end, at its end."""
+        return self.motion.sample(np.minimum(np.atleast_1d(time), self.motion.end))
 
     @property
     def count(self) -> int:
@@ -244,7 +244,8 @@ def _check_passive_stability(windows: Windows) -> None:
         plant.set_state(State(0.0, reference.qpos[k], still, rest, still))
         plant.forward()
         M = dynamics.mass_matrix(plant)
-        rate = decay_rate(M, dynamics.damping_matrix(plant), RK4_LIMIT / windows.physics_dt)
+        internal = plant.internal_rate()
+        rate = max(internal, decay_rate(M, dynamics.damping_matrix(plant), RK4_LIMIT / windows.physics_dt))
         if rate > worst:
             worst, at = rate, k
     if worst * windows.physics_dt > RK4_LIMIT:

@@ -1,0 +1,197 @@
+"""HillPlant: bodies in MuJoCo, driven by Hill muscles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc import hill
+from mjhcmc.dynamics import moment_arms
+from mjhcmc.errors import SettingsError
+from mjhcmc.hosted.lockstep import HillLockstep
+from mjhcmc.hosted.muscles import HostedMuscles, bodies_of, hosted_muscles
+from mjhcmc.hosted.stages import muscles_at
+from mjhcmc.hosted.window import excite, reach
+from mjhcmc.model import MuscleModel
+from mjhcmc.plant import External, MujocoPlant, Outlook, State
+
+Array = NDArray[np.float64]
+
+_CLOSE = 1e-12  # of F0
+
+
+class HillPlant(MujocoPlant):
+    """A MuJoCo model whose muscles are replaced by Hill muscles, with rigid or compliant tendons.
+
+    The methods take it as ``plant``: ``hcmc(model, motion, plant=HillPlant(model))``. It is stepped by a Runge-Kutta
+    scheme of our own around MuJoCo's forward dynamics (see `hosted.lockstep`); compliant muscles have their fiber
+    length as a state beside activation.
+
+    Args:
+        model: the model.
+        muscles: curves by name (``"millard"``, ``"thelen"``, ``"degroote-fregly"``; ``"mujoco"`` for MuJoCo's own
+            muscles), with parameters that follow from the model's (see `hill_muscles.hill_model`); or Hill muscles in
+            the model's order and by its names.
+        tendon: ``"compliant"`` or ``"rigid"``.
+        physics_dt: s, length of a physics step.
+        external: loads from outside; held over each physics step at their value in its middle.
+
+    Attributes:
+        muscles: what drives the bodies.
+        driven: the model.
+        model: the model's bodies, with muscles that pull nothing.
+
+    Raises:
+        SettingsError: physics_dt is not a positive number; unknown curves or tendon; muscles that are not the model's.
+        ModelError: muscles that no Hill model stands for.
+    """
+
+    hosts_muscles = True
+
+    def __init__(
+        self,
+        model: MuscleModel,
+        muscles: str | hill.HillModel | HostedMuscles = "millard",
+        tendon: str = "compliant",
+        physics_dt: float = 1e-3,
+        external: External | None = None,
+    ) -> None:
+        hosts = muscles if isinstance(muscles, HostedMuscles) else hosted_muscles(model, muscles, tendon)
+        self.muscles: HostedMuscles = hosts
+        self.driven = model
+        super().__init__(bodies_of(model, self.muscles), physics_dt, external)
+        self._rows = self.mj_model.actuator_outadr[model.muscle_ids]
+        self._range = self.muscles.excitation_range(model)
+        self._fiber = np.empty(0)
+
+    @cached_property
+    def lockstep(self) -> HillLockstep:
+        """What steps it."""
+        return HillLockstep([self.driven], [self.muscles], self.physics_dt, [self.external])
+
+    def set_state(self, state: State) -> None:
+        """See `MujocoPlant`; compliant muscles whose fiber lengths are not told are put into equilibrium."""
+        super().set_state(state)
+        self._fiber = state.fiber_length.copy()
+        if self.muscles.compliant and not self._fiber.size:
+            length, velocity = self._path().T
+            self._fiber = self.muscles.equilibrium(state.activation, length, velocity)
+
+    def get_state(self) -> State:
+        """See `MujocoPlant`."""
+        return replace(super().get_state(), fiber_length=self._fiber.copy())
+
+    def advance(self, excitation: Array, reserve: Array, n_step: int, times: float = 1.0) -> None:
+        """See `MujocoPlant`."""
+        self.set_input(excitation, reserve)
+        plants, here = self.lockstep, self.get_state()
+        u, s = (np.asarray(values, dtype=np.float64)[None] for values in (excitation, reserve))
+        self.set_state(plants.layout.state(plants.step(np.arange(1), plants.rows([here]), u, s, n_step, times)[0]))
+
+    def forward(self) -> Array:
+        """See `MujocoPlant`."""
+        mujoco.mj_fwdPosition(self.mj_model, self.mj_data)
+        mujoco.mj_fwdVelocity(self.mj_model, self.mj_data)
+        self.mj_data.qfrc_applied[:] = self._reserve + self.external_load() + self.hosted_moment()
+        mujoco.mj_forward(self.mj_model, self.mj_data)
+        qacc: Array = self.mj_data.qacc
+        return qacc
+
+    def muscle_force(self) -> Array:
+        """(n_muscle,) N, of the tendons, at the derived quantities as they are."""
+        return self._look()[0]
+
+    def hosted_moment(self) -> Array:
+        """See `MujocoPlant`."""
+        return np.asarray(moment_arms(self).T @ self.muscle_force())
+
+    def gain_and_bias(self) -> tuple[Array, Array]:
+        """See `MujocoPlant`; of fibers that move with the path, see `hosted.muscle.gain_and_bias`."""
+        _, gain, bias, _ = self._look()
+        return gain, bias
+
+    def steady_gain_and_bias(self) -> tuple[Array, Array]:
+        """See `MujocoPlant`."""
+        n = self.model.n_muscle
+        rest, full = (self.muscles.steady_force(np.full(n, a), *self._now()) for a in (0.0, 1.0))
+        return full - rest, rest
+
+    def steady_activation(self, effective: Array) -> Array:
+        """See `MujocoPlant`."""
+        gain, bias = self.steady_gain_and_bias()
+        return self.muscles.steady_activation(bias + gain * effective, *self._now())
+
+    def internal_rate(self) -> float:
+        """See `MujocoPlant`."""
+        return float(max(0.0, -self._look()[3][:, 2].min()))
+
+    def outlook(self, state: State, expected: State, n_step: int, least: Array) -> Outlook:
+        """See `MujocoPlant`; activations are effective ones, see `hosted.window`."""
+        self.set_state(state)
+        start = self._path()[None]
+        super().outlook(state, expected, n_step, least)
+        end, (gain, bias), n = self._path()[None], self.gain_and_bias(), self.model.n_muscle
+        low, high, x, shift, u = (np.empty((1, n)) for _ in range(5))
+        forces, phi = np.empty((1, n, 2)), np.empty((1, n_step + 1, n))
+        kind, curves, p = self.muscles.kind, self.muscles.curves, self.muscles.parameters[None]
+        prm, limits = self.model.activation_parameters[None], self._range.copy()[None]
+        limits[0, :, 0] = np.minimum(np.maximum(limits[0, :, 0], least), limits[0, :, 1])
+        a, fiber = state.activation[None], state.fiber_length[None]
+        hold = np.clip(a, limits[:, :, 0], limits[:, :, 1])
+        gain = self.muscles.workable(gain)
+        reach(
+            0, 1, kind, curves, p, prm, limits, a, fiber, hold, start, end, gain[None], bias[None], np.zeros((1, n)),
+            self.physics_dt, n_step, low, high, forces, shift, x, phi,
+        )  # fmt: skip
+        low, high = (forces[0, :, 0] - bias) / gain, (forces[0, :, 1] - bias) / gain
+
+        def excitation(goal: Array) -> Array:
+            target = (bias + gain * goal)[None]
+            excite(
+                0, 1, kind, curves, p, prm, limits, a, fiber, target, start, end, self.physics_dt, n_step, forces,
+                _CLOSE, u,
+            )  # fmt: skip
+            found: Array = u[0].copy()
+            return found
+
+        return Outlook(low, np.maximum(low, high), excitation)
+
+    def _path(self) -> Array:
+        """(n_muscle, 2) m and m/s, musculotendon length and velocity at the plant's state."""
+        mujoco.mj_fwdPosition(self.mj_model, self.mj_data)
+        mujoco.mj_fwdVelocity(self.mj_model, self.mj_data)
+        return np.stack(self._now(), axis=1)
+
+    def _now(self) -> tuple[Array, Array]:
+        """The same, at the derived quantities as they are."""
+        return self.mj_data.actuator_length[self._rows], self.mj_data.actuator_velocity[self._rows]
+
+    def _look(self) -> tuple[Array, Array, Array, Array]:
+        """Force, gain, bias (n_muscle,) N, and slopes (n_muscle, 4), see `hosted.stages.read_muscles`."""
+        n = self.model.n_muscle
+        force, gain, bias, slopes = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 4))
+        length, velocity = self._now()
+        muscles_at(
+            self.muscles.kind, self.muscles.curves, self.muscles.parameters, self.mj_data.act[self.model.act_index],
+            self._fiber, length, velocity, force, gain, bias, slopes,
+        )  # fmt: skip
+        return force, self.muscles.workable(gain), bias, slopes
+
+
+def lockstep_of(plants: Sequence[MujocoPlant], threads: int) -> HillLockstep:
+    """Hill plants, stepped together.
+
+    Raises:
+        SettingsError: plants of different curves, tendons or physics steps.
+    """
+    own = [plant for plant in plants if isinstance(plant, HillPlant)]
+    first = own[0]
+    if any(plant.physics_dt != first.physics_dt for plant in own):
+        raise SettingsError("plants stepped together share their physics_dt: build them with one")
+    parts = [plant.driven for plant in own], [plant.muscles for plant in own]
+    return HillLockstep(*parts, first.physics_dt, [plant.external for plant in own], threads)

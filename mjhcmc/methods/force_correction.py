@@ -1,0 +1,145 @@
+"""As `correction`, for Hill muscles: what is shared is force, told as effective activation (see `hosted.window`)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc.allocation import ELASTICITY
+from mjhcmc.chunks import in_chunks
+from mjhcmc.errors import SimulationError
+from mjhcmc.hosted.lockstep import HillLockstep, MuscleView
+from mjhcmc.hosted.window import excite, reach
+from mjhcmc.methods.correction import Correction, Program, Trial, settle, share_the_rest
+from mjhcmc.methods.force_response import linearize
+from mjhcmc.qp_back_ends import NEWTON
+from mjhcmc.sharing import Sharing
+
+_CLOSE = 1e-12  # of F0
+_SETTLED, _OPEN = 1, 0
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.intp]
+
+
+class Ahead(NamedTuple):
+    """A trial over the time ahead, of b simulations.
+
+    Attributes:
+        ids: (b,) the simulations.
+        rows: (b, n_row) their states at its start.
+        path: (b, n_muscle, 2) m and m/s, musculotendon length and velocity there.
+        excitation: (b, n_muscle) of the trial.
+        reserve: (b, nv) N m.
+        missing: (b, nv) rad/s^2, at its end, r of `hcmc`.
+        end: what its end looks like.
+        kp: (b, nv) 1/s^2.
+        kv: (b, nv) 1/s.
+        step: s.
+        n_step: steps ahead.
+    """
+
+    ids: Ids
+    rows: Array
+    path: Array
+    excitation: Array
+    reserve: Array
+    missing: Array
+    end: MuscleView
+    kp: Array
+    kv: Array
+    step: float
+    n_step: int
+
+
+def correct_forces(
+    plants: HillLockstep, ahead: Ahead, limits: Array, sharing: Sharing, price: Array, *, reserves: bool, threads: int
+) -> Correction:
+    """The Newton step of each trial; see `correction.correct`.
+
+    Args:
+        plants: what is stepped.
+        ahead: the trials.
+        limits: (b, n_muscle, 2) of excitation.
+        sharing: of the same simulations.
+        price: (b, nv) multipliers to start the allocations from; they become those found.
+        reserves: whether what the muscles leave is given by reserves.
+        threads: to compute on.
+    """
+    found, layout = ahead.end.around, plants.layout
+    b, nv, n = found.B.shape
+    p, prm = plants.parameters[ahead.ids], plants.activation_parameters[ahead.ids]
+    gain, bias, B = found.gain, found.bias, found.B
+    start, fiber = ahead.rows[:, layout.activation], ahead.rows[:, layout.fiber]
+    low, high, x, shift, excitation = (np.empty((b, n)) for _ in range(5))
+    forces, phi = np.empty((b, n, 2)), np.empty((b, ahead.n_step + 1, n))
+    answers, wanted, Q = np.empty((b, nv, n + nv)), np.empty((b, nv)), np.empty((b, nv))
+    shortfall, rate, goal = np.empty((b, nv)), np.empty(b), np.full((b, n), np.nan)
+    state = np.empty(b, dtype=np.int64)
+    w, a0, cubic = sharing.weigh(gain, bias, start)
+    kind, curves = plants.muscles.kind, plants.muscles.curves
+    ours = sharing.solver == NEWTON and cubic is None
+    assert found.K is not None
+
+    def chunk(first: int, last: int) -> None:
+        reach(
+            first, last, kind, curves, p, prm, limits, start, fiber, ahead.excitation, ahead.path, ahead.end.path,
+            gain, bias, ahead.end.force, ahead.step, ahead.n_step, low, high, forces, shift, x, phi,
+        )  # fmt: skip
+        linearize(
+            first, last, found.M, found.D, found.K, ahead.end.R, gain, phi, ahead.end.slopes, ahead.kp, ahead.kv,
+            ahead.step, ahead.missing, x, ahead.reserve, answers, wanted, Q, rate,
+        )  # fmt: skip
+        _share(
+            first, last, B, found.M, answers, wanted, Q, x, ahead.reserve, low, high, sharing.disabled, w, a0,
+            ELASTICITY, reserves, ours, price, goal, shortfall, state,
+        )  # fmt: skip
+
+    in_chunks(chunk, b, threads)
+    errors: dict[int, SimulationError] = {}
+    if not state.all():
+        trial = Trial(
+            start, ahead.excitation, ahead.reserve, x, ahead.missing, found.M, B, gain, bias, found.D, found.K,
+            ahead.kp, ahead.kv, ahead.step, ahead.n_step,
+        )  # fmt: skip
+        program = Program(answers, wanted, Q, low, high)
+        open_, cost = np.flatnonzero(state != _SETTLED), (w, a0, price) if ours else None
+        errors = share_the_rest(open_, trial, sharing.unbounded, program, cost, goal, shortfall, reserves=reserves)
+    target = bias + gain * goal - shift
+
+    def back(first: int, last: int) -> None:
+        excite(
+            first, last, kind, curves, p, prm, limits, start, fiber, target, ahead.path, ahead.end.path, ahead.step,
+            ahead.n_step, forces, _CLOSE, excitation,
+        )  # fmt: skip
+
+    in_chunks(back, b, threads)
+    for i in errors:
+        excitation[i], shortfall[i] = 0.0, 0.0
+    return Correction(sharing.excitation(excitation), shortfall, errors, rate)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _share(  # type: ignore[no-untyped-def]
+    first, last, B, M, answers, wanted, Q, x_end, s_end, low, high, off, w, a0, elasticity, reserves, ours, price, goal,
+    shortfall, state,
+):  # fmt: skip
+    """Share with `settle`; _OPEN where the allocation is no routine one."""
+    n = B.shape[2]
+    ub, x = np.empty(n), np.empty(n)
+    for b in range(first, last):
+        state[b] = _OPEN
+        if not ours:
+            continue
+        for m in range(n):
+            ub[m] = low[b, m] if off[b, m] else high[b, m]
+        if settle(
+            B[b], M[b], answers[b], wanted[b], Q[b], x_end[b], s_end[b], low[b], ub, w[b], a0[b], elasticity, reserves,
+            price[b], x, shortfall[b],
+        ):  # fmt: skip
+            state[b] = _SETTLED
+            for m in range(n):
+                goal[b, m] = x[m]

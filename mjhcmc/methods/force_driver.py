@@ -1,0 +1,98 @@
+"""HCMC at work on Hill muscles: see `hcmc_driver`, and `hosted.window` for what is shared.
+
+A compliant tendon puts its fiber between activation and force: within a short window force hardly answers, and windows
+that each ask for their own end overshoot in turn (the sampled zero of u -> F nears -1). The excitation of a window is
+therefore chosen for what it would make of the acceleration a look-ahead T later, and held for the window alone:
+T = max(10 ms, 1.2 dt). With rigid tendons T is the window.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc.hosted.lockstep import HillLockstep, MuscleView
+from mjhcmc.methods.force_correction import Ahead, correct_forces
+from mjhcmc.methods.hcmc_driver import HcmcDriver, Ids, Index
+from mjhcmc.methods.run import Team
+
+if TYPE_CHECKING:
+    from mjhcmc.methods.hcmc import Hcmc
+
+Array = NDArray[np.float64]
+
+_LOOK_AHEAD = 0.01  # s; DESIGN: below, excitations ring
+_WINDOWS_AHEAD = 1.2
+
+
+class ForceDriver(HcmcDriver):
+    """Takes a team of Hill plants through its windows.
+
+    Each begins with a trial under the last window's inputs, which is corrected until its end misses no more than is
+    tolerated; see `HcmcDriver` for what is carried from window to window.
+    """
+
+    def __init__(self, settings: Hcmc, team: Team) -> None:
+        super().__init__(settings, team)
+        plants = team.plants
+        assert isinstance(plants, HillLockstep)
+        self._plants, self._n_step = plants, team.n_step
+        self._internal = np.zeros(len(team.windows))
+        if plants.muscles.compliant:
+            ahead = max(_LOOK_AHEAD, _WINDOWS_AHEAD * team.dt)
+            self._n_step = max(team.n_step, round(ahead / team.physics_dt))
+            self._ahead = self._n_step * team.physics_dt
+            goals = self._references([w.reference_at(w.reference.time[:-1] + self._ahead) for w in team.windows])
+            self._goal_qpos, self._goal_qvel, self._goal_qacc = goals
+        limits = plants.excitation_range
+        least = np.minimum(self._sharing.min_activation, limits[:, :, 1])
+        self._limits = np.stack([np.maximum(limits[:, :, 0], least), limits[:, :, 1]], axis=-1)
+
+    def window(self, k: int, ids: Ids, rows: Array) -> Array:
+        """See `run.Driver` and the module's docstring."""
+        team, plants, at = self._team, self._plants, self._which(ids)
+        if k == 0:
+            self._look_around(ids, at, rows)
+        kp, kv, _, _ = self._aim(k, at, rows, rows[:, self._layout.activation])
+        path = plants.path(ids, rows)
+        ends = plants.step(ids, rows, team.excitation[at], team.reserve[at], self._n_step)
+        whom: Index = slice(None)  # which of the call's simulations are still corrected
+        who, where = ids, at
+        for _ in range(self._settings.trials):
+            view = plants.view(who, ends[whom], team.reserve[where])
+            self._keep(where, view.around)
+            self._internal[where] = -view.slopes[:, :, 2].min(axis=1)
+            missing = self._missing(k, where, (kp[whom], kv[whom]), ends[whom], view.around.qacc)
+            self._correct_by(k, who, where, view, missing, (rows[whom], path[whom], kp[whom], kv[whom]))
+            ends[whom] = plants.step(who, rows[whom], team.excitation[where], team.reserve[where], self._n_step)
+            qacc = plants.acceleration(who, ends[whom], team.reserve[where])
+            missing = self._missing(k, where, (kp[whom], kv[whom]), ends[whom], qacc)
+            again = np.any(np.abs(missing) > self._missable[where], axis=1)
+            if not again.any():
+                break
+            if not again.all():
+                whom = np.flatnonzero(again) if isinstance(whom, slice) else whom[again]
+                who = where = ids[whom]
+        if self._n_step > team.n_step:
+            ends = plants.step(ids, rows, team.excitation[at], team.reserve[at], team.n_step)
+        self._look_at_stiff(k, ids, at, ends)
+        team.fastest_rate[at] = np.maximum(team.fastest_rate[at], self._internal[at])
+        return ends
+
+    def _correct_by(
+        self, k: int, ids: Ids, at: Index, view: MuscleView, missing: Array, trial: tuple[Array, Array, Array, Array]
+    ) -> None:
+        """Put corrected inputs into the team, after a trial that began with rows and path, under gains kp and kv."""
+        team, price, sharing = self._team, self._price[at], self._sharing
+        rows, path, kp, kv = trial
+        ahead = Ahead(
+            ids, rows, path, team.excitation[at], team.reserve[at], missing, view, kp, kv, team.physics_dt, self._n_step
+        )
+        correction = correct_forces(
+            self._plants, ahead, self._limits[at], sharing if isinstance(at, slice) else sharing.of(at), price,
+            reserves=self._settings.reserves, threads=self._settings.threads,
+        )  # fmt: skip
+        self._price[at] = price
+        self._take(k, ids, at, correction, (missing, view.around.B, view.around.D))
