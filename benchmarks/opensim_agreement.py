@@ -18,18 +18,18 @@ from _markdown import JOINTS, ROOT, digits, grid, main
 from numpy.typing import NDArray
 
 import mjhcmc
+from mjhcmc.activity import agreement
 from mjhcmc.leg8 import build_leg8
 from mjhcmc.methods import METHODS, find_method
-from mjhcmc.opensim_reference import OpenSimRun, find_reference, read_reference
+from mjhcmc.opensim_reference import CMC_FLOOR, INITIALISATION, OpenSimRun, find_reference, read_reference
 from mjhcmc.sharing import COSTS
 
 MOVEMENTS = ("slow", "fast")
 REFERENCES = {"cmc": "CMC", "static": "Static Optimization"}
-FLOOR = {"cmc": 0.02, "static": 0.01}
+FLOOR = {"cmc": CMC_FLOOR, "static": 0.01}
 """The least activation in OpenSim's results."""
 
-LEFT_OUT = 0.03  # s, CMC's initialisation
-TINY = 0.02  # a signal that rises less than this above its floor is compared by size only
+LEFT_OUT = INITIALISATION
 TITLE = {"hcmc": "HCMC", "cmc": "CMC", "static": "static"}
 
 
@@ -80,13 +80,12 @@ def tracking_error(run: OpenSimRun, movement: str) -> NDArray[np.float64]:
 def compare(solution: mjhcmc.Solution, run: OpenSimRun, floor: float) -> list[Agreement]:
     """Muscle by muscle, on OpenSim's times."""
     kept = (run.time >= LEFT_OUT) & (run.time <= solution.time[-1])
+    found = agreement(solution.time, solution.activation, run.activity, floor, LEFT_OUT)
     result = []
     for i, name in enumerate(solution.muscle_names):
-        theirs = run.activation[kept, run.muscle_names.index(name)]
+        theirs, (r, rms) = run.activation[kept, run.muscle_names.index(name)], found[name]
         ours = np.interp(run.time[kept], solution.time, solution.activation[:, i])
-        tiny = min(theirs.max() - floor, ours.max() - min(ours.min(), floor)) < TINY
-        r = np.nan if tiny else float(np.corrcoef(theirs, ours)[0, 1])
-        result.append(Agreement(theirs.max(), ours.max(), float(np.sqrt(np.mean((theirs - ours) ** 2))), r))
+        result.append(Agreement(theirs.max(), ours.max(), rms, r))
     return result
 
 

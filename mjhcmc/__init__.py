@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         SettingsError,
         SimulationError,
     )
+    from mjhcmc.hosted.plant import HillPlant
     from mjhcmc.io.export import export_opensim
     from mjhcmc.joint_moments import JointMoments
     from mjhcmc.methods.cmc import cmc
@@ -47,6 +48,7 @@ __version__ = "0.1.0"
 _HOME = {
     "Detail": "detail",
     "DivergedError": "errors",
+    "HillPlant": "hosted.plant",
     "JointMoments": "joint_moments",
     "MjhcmcError": "errors",
     "MjhcmcWarning": "errors",
@@ -79,6 +81,7 @@ _HOME = {
 __all__ = [
     "Detail",
     "DivergedError",
+    "HillPlant",
     "JointMoments",
     "MjhcmcError",
     "MjhcmcWarning",

@@ -9,6 +9,35 @@ from numpy.typing import NDArray
 
 from mjhcmc.errors import SettingsError
 
+_TINY = 0.02  # a signal that rises less than this above its floor is compared by size only
+
+
+def agreement(
+    time: NDArray[np.float64], activation: NDArray[np.float64], other: Activity, floor: float = 0.0, start: float = 0.0
+) -> dict[str, tuple[float, float]]:
+    """How alike two records of the same muscles are, at the other's times.
+
+    Args:
+        time: (N,) s.
+        activation: (N, n_muscle), in the other's order.
+        other: what it is compared with.
+        floor: least activation of the other.
+        start: s, what comes before is left out.
+
+    Returns:
+        By muscle: Pearson's r (NaN where either hardly rises above the floor: a correlation of noise) and the root mean
+        square difference.
+    """
+    assert other.activation is not None
+    kept = (other.time >= start) & (other.time <= time[-1])
+    result = {}
+    for i, name in enumerate(other.muscle_names):
+        theirs, ours = other.activation[kept, i], np.interp(other.time[kept], time, activation[:, i])
+        idle = min(theirs.max() - floor, ours.max() - min(ours.min(), floor)) < _TINY
+        r = np.nan if idle else float(np.corrcoef(theirs, ours)[0, 1])
+        result[name] = r, float(np.sqrt(np.mean((theirs - ours) ** 2)))
+    return result
+
 
 @dataclass(frozen=True, eq=False)
 class Activity:

@@ -39,6 +39,17 @@ if TYPE_CHECKING:
 
 _FILE = click.Path(path_type=Path)
 _quiet = click.option("--quiet", is_flag=True, help="No progress bar, no summary, no notices: errors only.")
+_muscle = click.option(
+    "--muscle", default="mujoco", show_default=True, metavar="mujoco|rigid|compliant",
+    help="What drives the model: MuJoCo's own muscles, or Hill muscles with rigid or compliant tendons.",
+)  # fmt: skip
+_curves = click.option(
+    "--curves",
+    default="millard",
+    show_default=True,
+    metavar="NAME",
+    help="Of Hill muscles: millard, thelen, degroote-fregly.",
+)
 _verbose = click.option("-v", "--verbose", count=True, help="Log what is done on standard error; twice: in detail.")
 
 
@@ -54,6 +65,8 @@ cli.add_command(compare_muscles)
 @cli.command()
 @click.argument("motions", type=_FILE, nargs=-1, required=True, metavar="MOTION...")
 @click.option("--model", default="leg8", show_default=True, help="A shipped name or a path to an MJCF file.")
+@_muscle
+@_curves
 @click.option("--method", default="hcmc", show_default=True, help=f"One of: {', '.join(METHODS)}.")
 @click.option("--dt", default=0.01, show_default=True, help="Control window, s: excitation is constant over it.")
 @click.option("--physics-dt", default=0.001, show_default=True, help="Largest physics step, s.")
@@ -82,6 +95,8 @@ cli.add_command(compare_muscles)
 def solve(
     motions: tuple[Path, ...],
     model: str,
+    muscle: str,
+    curves: str,
     method: str,
     dt: float,
     physics_dt: float,
@@ -109,7 +124,10 @@ def solve(
 
     Writes DIR/solution.parquet, DIR/verdict.json and the figures; of several motions, into a folder each in DIR.
     """
+    from mjhcmc.muscle_choice import check_muscle, plant_for
+
     find_method(method)
+    check_muscle(muscle, curves)
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)
     click.get_current_context().with_resource(told(verbose))
@@ -130,6 +148,7 @@ def solve(
     options: dict[str, Any] = {"dt": dt, "physics_dt": physics_dt, "solver": solver, "disabled": disable}
     chosen = {"cost": cost, "smoothness": smoothness, "min_activation": min_activation}
     options |= {name: value for name, value in chosen.items() if value is not None}
+    options["plant"] = plant_for(muscle_model, muscle, dt, physics_dt, curves)
     if weights is not None:
         options["weights"] = _read_weights(weights)
     if moments is not None:
@@ -212,6 +231,8 @@ def _read_weights(path: Path) -> dict[str, float]:
 @click.option("--movement", default="fast", show_default=True, help="fast (the paper's) or slow.")
 @click.option("--dt", default=0.01, show_default=True, help="Control window, s.")
 @click.option("--physics-dt", default=0.001, show_default=True, help="Largest physics step, s.")
+@_muscle
+@_curves
 @click.option(
     "--out", type=_FILE, metavar="DIR", help="Folder for the results; ./mjhcmc-reproduce, or nothing with --json."
 )
@@ -219,12 +240,16 @@ def _read_weights(path: Path) -> dict[str, float]:
 @_quiet
 @_verbose
 def reproduce(
-    movement: str, dt: float, physics_dt: float, out: Path | None, as_json: bool, quiet: bool, verbose: int
-) -> int:
+    movement: str, dt: float, physics_dt: float, muscle: str, curves: str, out: Path | None, as_json: bool,
+    quiet: bool, verbose: int,
+) -> int:  # fmt: skip
     """The paper's experiment, by every method: table, figures, verdict."""
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)
     click.get_current_context().with_resource(told(verbose))
+    from mjhcmc.muscle_choice import check_muscle
+
+    check_muscle(muscle, curves)
     import mjhcmc
     from mjhcmc.plotting import excitation_figure
     from mjhcmc.reproduce import reproduce as run
@@ -235,12 +260,12 @@ def reproduce(
     files: list[str] = []
     if out is None:
         with progress_bar(quiet or as_json) as progress:
-            result = run(movement, dt, physics_dt, progress)
+            result = run(movement, dt, physics_dt, progress, muscle, curves)
     else:
         with output_folder(out) as folder:
             try:
                 with progress_bar(quiet or as_json) as progress:
-                    result = run(movement, dt, physics_dt, progress)
+                    result = run(movement, dt, physics_dt, progress, muscle, curves)
             except mjhcmc.SolveInterrupted as stop:
                 if stop.solution is not None:
                     click.echo(f"written  {', '.join(_write(stop.solution, folder))}", err=True)

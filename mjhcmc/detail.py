@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc import dynamics
-from mjhcmc.errors import MjhcmcWarning, SimulationError
-from mjhcmc.plant import MujocoPlant, State
+from mjhcmc.errors import MjhcmcWarning
+from mjhcmc.plant import MujocoPlant
 from mjhcmc.reactions import joint_reactions, reactions_unknown
 
 if TYPE_CHECKING:
@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 class Detail:
     """What follows from a solution at its N + 1 nodes; muscles, degrees of freedom and joints in the solution's order.
 
-    MuJoCo's muscle has a rigid tendon and no pennation, so a fiber is as long as the path less a constant, and what
-    is given here is the fiber's length ALONG THE TENDON (l cos(alpha) of Millard et al. 2013, doi 10.1115/1.4023390,
+    What is given of fibers is their length ALONG THE TENDON. Of Hill muscles (see `HillPlant`) it is l cos(alpha), from
+    their own state where tendons are compliant. MuJoCo's muscle has a rigid tendon and no pennation, so a fiber is as
+    long as the path less a constant (l cos(alpha) of Millard et al. 2013, doi 10.1115/1.4023390,
     equations 1-4, with a rigid tendon). With the muscle's lengthrange (lr0, lr1), range (r0, r1) and path length lMT:
 
         L0 = (lr1 - lr0)/(r1 - r0),   l = r0 L0 + (lMT - lr0)
@@ -78,7 +79,7 @@ class Detail:
     @cached_property
     def _reactions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Force and moment."""
-        plant = MujocoPlant(_model_of(self.solution))
+        plant = self.solution.plant()
         shape = len(self.solution.time), plant.mj_model.njnt, 3
         force, moment = np.full(shape, np.nan), np.full(shape, np.nan)
         unknown = reactions_unknown(plant)
@@ -113,31 +114,27 @@ def detail_of(solution: Solution) -> Detail:
     Raises:
         SimulationError: the solution does not know its model (it was read from a file without one).
     """
-    plant = MujocoPlant(_model_of(solution))
+    plant = solution.plant()
     n, m, v = len(solution.time), plant.model.n_muscle, plant.model.nv
     length, velocity, force = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
     active, passive = np.empty((n, m, v)), np.empty((n, m, v))
     rows = plant.mj_model.actuator_outadr[plant.model.muscle_ids]
     for k in range(n):
-        activation = solution.activation[k]
         _put_at_node(plant, solution, k)
         length[k] = plant.mj_data.actuator_length[rows]
         velocity[k] = plant.mj_data.actuator_velocity[rows]
         R = dynamics.moment_arms(plant)
-        parts = dynamics.muscle_moments(plant)  # leaves the actuator forces at activation 0
-        active[k] = R * (parts.gain * activation)[:, None]
-        passive[k] = R * parts.bias[:, None]
-        force[k] = parts.gain * activation + parts.bias
-    optimal, start = _optimal_length(plant)
+        if plant.hosted is None:
+            parts = dynamics.muscle_moments(plant)  # leaves the actuator forces at activation 0
+            driven, rest = parts.gain * solution.activation[k], parts.bias
+        else:
+            driven, rest = plant.hosted.shares(solution.state(k), length[k], velocity[k])
+        active[k], passive[k], force[k] = R * driven[:, None], R * rest[:, None], driven + rest
     gear = _gear(plant)
-    normalized = start[:, 1] + (length - start[:, 0]) / optimal
     return Detail(
         musculotendon_length=length / gear,
         musculotendon_velocity=velocity / gear,
-        fiber_length=normalized * optimal / np.abs(gear),
-        fiber_velocity=np.where(np.isfinite(optimal), velocity / np.abs(gear), np.nan),
-        normalized_fiber_length=normalized,
-        normalized_fiber_velocity=velocity / optimal,
+        **_fibers(solution, length, velocity, gear),
         muscle_power=-force * velocity,
         muscle_moment=active + passive,
         active_moment=active,
@@ -146,19 +143,34 @@ def detail_of(solution: Solution) -> Detail:
     )
 
 
+def _fibers(
+    solution: Solution, length: NDArray[np.float64], velocity: NDArray[np.float64], gear: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Fiber lengths and velocities (N+1, n_muscle), from those of the actuators."""
+    if solution.muscles is not None:
+        along, speed = solution.muscles.fibers(solution.activation, solution.fiber_length, length, velocity)
+        optimal = solution.muscles.optimal_length_along
+        normal, normal_speed = along / optimal, speed / optimal
+    else:
+        optimal, start = _optimal_length(_model_of(solution))
+        normal, normal_speed = start[:, 1] + (length - start[:, 0]) / optimal, velocity / optimal
+        along, speed = normal * optimal / np.abs(gear), np.where(np.isfinite(optimal), velocity / np.abs(gear), np.nan)
+    return {
+        "fiber_length": along,
+        "fiber_velocity": speed,
+        "normalized_fiber_length": normal,
+        "normalized_fiber_velocity": normal_speed,
+    }
+
+
 def _model_of(solution: Solution) -> MuscleModel:
-    if solution.model is None:
-        raise SimulationError(
-            "this solution was read from a file and does not know its model: read it with Solution.load(path, "
-            "model=...) to see its detail"
-        )
+    assert solution.model is not None  # its plant is known
     return solution.model
 
 
 def _put_at_node(plant: MujocoPlant, solution: Solution, k: int) -> None:
     """The state of a node, under the reserve of the window that starts there and the load from outside."""
-    at_rest = np.zeros(plant.model.nv)
-    plant.set_state(State(float(solution.time[k]), solution.qpos[k], solution.qvel[k], solution.activation[k], at_rest))
+    plant.set_state(solution.state(k))
     plant.set_input(None, solution.reserve[min(k, solution.n_window - 1)] + solution.external_load[k])
     plant.forward()
 
@@ -170,9 +182,9 @@ def _gear(plant: MujocoPlant) -> NDArray[np.float64]:
     return np.where(on_tendon, m.actuator_gear[ids, 0], 1.0)
 
 
-def _optimal_length(plant: MujocoPlant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _optimal_length(model: MuscleModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """L0 (n_muscle,) in the actuator's length, and (n_muscle, 2) a length and the normalized length that it means."""
-    m, ids = plant.mj_model, plant.model.muscle_ids
+    m, ids = model.mj_model, model.muscle_ids
     low, high = m.actuator_lengthrange[ids].T
     r0, r1 = m.actuator_gainprm[ids, 0], m.actuator_gainprm[ids, 1]
     is_muscle = m.actuator_gaintype[ids] == mujoco.mjtGain.mjGAIN_MUSCLE

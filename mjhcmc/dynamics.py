@@ -7,7 +7,7 @@ R = -dL/dq and forces pull positive, so that the muscles' joint moment is R^T F 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import mujoco
@@ -61,7 +61,7 @@ def muscle_moments(plant: MujocoPlant, *, damping: bool = True, steady: bool = F
     R, p = moment_arms(plant), plant.mj_data.qfrc_actuator.copy()
     return MuscleMoments(
         B=(R * gain[:, None]).T,
-        p=p + R.T @ bias if plant.hosts_muscles else p,
+        p=p + R.T @ bias if plant.hosted is not None else p,
         gain=gain,
         bias=bias + fiber_damping(plant.model, plant.mj_data) if damping else bias,
     )
@@ -196,9 +196,10 @@ class NodeForces:
 
 def node_forces(plant: MujocoPlant) -> NodeForces:
     """Muscle forces and the moments at the joints, at the plant's last `forward`."""
-    inertial = np.empty(plant.mj_model.nv)
+    inertial, R = np.empty(plant.mj_model.nv), moment_arms(plant)
     mujoco.mj_mulM(plant.mj_model, plant.mj_data, inertial, plant.mj_data.qacc)
-    return forces_from(plant.model, plant.mj_data, moment_arms(plant), inertial, plant.external_load())
+    found = forces_from(plant.model, plant.mj_data, R, inertial, plant.external_load())
+    return found if plant.hosted is None else with_hosted(found, plant.model, plant.muscle_force(), R)
 
 
 def forces_from(
@@ -228,6 +229,25 @@ def forces_from(
     force = muscle + damping
     net = inertial + data.qfrc_bias - passive - data.qfrc_constraint - others - external_load
     return NodeForces(force * model.path_gear, moment(force), net, external_load)
+
+
+def with_hosted(
+    nodes: NodeForces, model: MuscleModel, force: NDArray[np.float64], R: NDArray[np.float64]
+) -> NodeForces:
+    """The same with what muscles outside MuJoCo pull.
+
+    Args:
+        nodes: of the bodies, whose own muscles pull nothing.
+        model: the bodies.
+        force: (..., n_muscle) N.
+        R: (..., n_muscle, nv) m.
+    """
+    moment = (np.swapaxes(R, -1, -2) @ force[..., None])[..., 0]
+    return replace(
+        nodes,
+        muscle_force=nodes.muscle_force + force * model.path_gear,
+        muscle_moment=nodes.muscle_moment + moment,
+    )
 
 
 def stacked(nodes: Sequence[NodeForces]) -> NodeForces:

@@ -73,6 +73,10 @@ def track_of(solution: Solution, step: float = 1e-3) -> Track:
         raise SimulationError(
             "this solution was read from a file without its model: use Solution.load(path, model=...)"
         )
+    if solution.hosted:
+        raise SimulationError(
+            "this solution's muscles are Hill muscles: compare one that MuJoCo's muscles drove (solve without a plant)"
+        )
     if solution.external is None and solution.external_load.any():
         raise SimulationError("the loads from outside were not kept as a function of time: solve the motion again")
     check_step(step)

@@ -21,6 +21,12 @@ from mjhcmc.model import MuscleModel
 REFERENCE_FOLDER = Path("shared") / "reference" / "opensim_cmc"
 """Where the tables are, seen from the folder that holds the checkout."""
 
+CMC_FLOOR = 0.02
+"""The least activation in CMC's results."""
+
+INITIALISATION = 0.03
+"""s, what CMC takes to begin: to be left out of comparisons."""
+
 _METHODS = {"cmc": "cmc", "static": "so"}
 _MOVEMENTS = {"slow": "a", "fast": "b"}
 

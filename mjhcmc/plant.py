@@ -9,6 +9,7 @@ import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -17,6 +18,9 @@ from numpy.typing import NDArray
 from mjhcmc.activation import activation_after, excitation_for
 from mjhcmc.errors import SettingsError
 from mjhcmc.model import MuscleModel
+
+if TYPE_CHECKING:
+    from mjhcmc.hosted.muscles import HostedMuscles
 
 RK4_LIMIT = 2.78
 """Largest step times decay rate at which classical Runge-Kutta is stable (2.785 on the real axis)."""
@@ -80,8 +84,8 @@ class MujocoPlant:
         SettingsError: physics_dt is not a positive number.
     """
 
-    hosts_muscles: bool = False
-    """Whether muscles outside MuJoCo drive the bodies."""
+    hosted: HostedMuscles | None = None
+    """The muscles outside MuJoCo that drive the bodies, if any."""
 
     def __init__(self, model: MuscleModel, physics_dt: float = 1e-3, external: External | None = None) -> None:
         if not (math.isfinite(physics_dt) and physics_dt > 0):
@@ -93,6 +97,10 @@ class MujocoPlant:
         self.physics_dt = physics_dt
         self.external = external
         self._reserve = np.zeros(model.nv)
+
+    def at(self, physics_dt: float, external: External | None) -> MujocoPlant:
+        """One like it with another physics step, s, and loads from outside."""
+        return MujocoPlant(self.model, physics_dt, external)
 
     def set_state(self, state: State) -> None:
         """Put the plant into a state; derived quantities are stale until `forward`."""
@@ -144,6 +152,10 @@ class MujocoPlant:
         mujoco.mj_forward(self.mj_model, self.mj_data)
         qacc: NDArray[np.float64] = self.mj_data.qacc
         return qacc
+
+    def muscle_force(self) -> NDArray[np.float64]:
+        """(n_muscle,) N, of muscles outside MuJoCo, at the derived quantities as they are."""
+        return np.zeros(self.model.n_muscle)
 
     def hosted_moment(self) -> NDArray[np.float64]:
         """(nv,) N m: what muscles outside MuJoCo do at the joints at the derived quantities as they are."""

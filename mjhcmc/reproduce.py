@@ -14,15 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc import paper
+from mjhcmc.activity import agreement
 from mjhcmc.errors import MjhcmcWarning, SettingsError
 from mjhcmc.methods import METHODS, find_method
 from mjhcmc.methods.run import Progress, SolveInterrupted
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
+from mjhcmc.muscle_choice import plant_for
 from mjhcmc.notices import each_notice_once
-from mjhcmc.opensim_reference import OpenSimRun, find_reference, read_reference
+from mjhcmc.opensim_reference import CMC_FLOOR, INITIALISATION, OpenSimRun, find_reference, read_reference
 from mjhcmc.paper import PAPER
-from mjhcmc.plant import MujocoPlant, State
+from mjhcmc.plant import MujocoPlant
 from mjhcmc.solution import Solution
 from mjhcmc.summary import columns, numbers, verdict_lines
 
@@ -39,6 +41,8 @@ class Reproduction:
         solve_time: s by method, wall median of five calls after a first.
         bare_step_time: s, MuJoCo alone over the same physics steps, in the same process.
         opensim: OpenSim's own CMC of the movement, where its results were found.
+        muscle: what drove the leg, see `muscle_choice.MUSCLES`.
+        curves: of Hill muscles.
     """
 
     movement: str
@@ -46,6 +50,16 @@ class Reproduction:
     solve_time: dict[str, float]
     bare_step_time: float
     opensim: OpenSimRun | None = None
+    muscle: str = "mujoco"
+    curves: str = "millard"
+
+    def _opensim(self, solution: Solution) -> dict[str, Any]:
+        """Activation beside that of OpenSim's CMC, where its results were found."""
+        if self.opensim is None:
+            return {}
+        found = agreement(solution.time, solution.activation, self.opensim.activity, CMC_FLOOR, INITIALISATION)
+        correlation = {name: None if np.isnan(r) else r for name, (r, _) in found.items()}
+        return {"opensim_correlation": correlation, "opensim_rms": {name: rms for name, (_, rms) in found.items()}}
 
     def numbers(self) -> dict[str, Any]:
         """Plain values, as `mjhcmc reproduce --json` prints them."""
@@ -55,8 +69,10 @@ class Reproduction:
             "dt": first.settings["dt"],
             "physics_dt": first.settings["physics_dt"],
             "bare_step_time_s": self.bare_step_time,
+            "muscle": self.muscle,
+            "curves": None if self.muscle == "mujoco" else self.curves,
             "methods": {
-                name: {**numbers(solution), "solve_time_s": self.solve_time[name]}
+                name: {**numbers(solution), "solve_time_s": self.solve_time[name], **self._opensim(solution)}
                 for name, solution in self.solutions.items()
             },
         }
@@ -66,7 +82,7 @@ class Reproduction:
         values = self.numbers()
         return "\n".join(
             [
-                f"{self.movement} cosine movement on leg8, dt {1e3 * values['dt']:g} ms, physics step "
+                f"{self.movement} cosine movement on leg8{self._driven}, dt {1e3 * values['dt']:g} ms, physics step "
                 f"{1e3 * values['physics_dt']:g} ms; errors of the muscle-driven leg in degrees",
                 "",
                 *self._errors(values["methods"]),
@@ -75,6 +91,11 @@ class Reproduction:
                 *[line for name, result in values["methods"].items() for line in self._details(name, result)],
             ]
         )
+
+    @property
+    def _driven(self) -> str:
+        name = next(iter(self.solutions.values())).settings.get("muscles", {}).get("curves")
+        return "" if name is None else f", {name} muscles with {self.muscle} tendons"
 
     @property
     def _is_the_papers(self) -> bool:
@@ -134,8 +155,15 @@ class Reproduction:
             f"{name}: replay error     {by_name(result['replay_max_error_deg'], '.2g')} deg (open loop, 0.1 ms)",
             f"{name}: solve time       {result['solve_time_s'] / self.bare_step_time:.3g} x bare stepping "
             f"({1e3 * self.bare_step_time:.3g} ms)",
+            *self._correlations(name, result),
             *verdict_lines(result["verdict"]),
         ]
+
+    def _correlations(self, name: str, result: dict[str, Any]) -> list[str]:
+        if "opensim_correlation" not in result:
+            return []
+        found = [f"{m} {'-' if r is None else f'{r:.2f}'}" for m, r in result["opensim_correlation"].items()]
+        return [f"{name}: activation's correlation with OpenSim's CMC  {', '.join(found)}"]
 
     def opensim_error(self) -> NDArray[np.float64]:
         """(n, 3) rad: the tracking error of OpenSim's own CMC at its own times, actual minus desired.
@@ -156,7 +184,12 @@ class Reproduction:
 
 
 def reproduce(
-    movement: str = "fast", dt: float = 0.01, physics_dt: float = 0.001, progress: Progress | None = None
+    movement: str = "fast",
+    dt: float = 0.01,
+    physics_dt: float = 0.001,
+    progress: Progress | None = None,
+    muscle: str = "mujoco",
+    curves: str = "millard",
 ) -> Reproduction:
     """Run the paper's experiment with every method.
 
@@ -165,28 +198,31 @@ def reproduce(
         dt: s, control window.
         physics_dt: s, physics step.
         progress: called with (windows solved, windows in all) of each method's first call; the timed calls run without.
+        muscle: ``"mujoco"``: MuJoCo's own; ``"rigid"`` or ``"compliant"``: Hill muscles with such tendons.
+        curves: of Hill muscles.
 
     Raises:
         MotionError: an unknown movement.
-        SettingsError: dt or physics_dt outside their valid values.
+        SettingsError: dt or physics_dt outside their valid values; an unknown muscle or curves.
         SolveInterrupted: a KeyboardInterrupt came; it carries HCMC's solution, whole where it was.
     """
     model = MuscleModel.load("leg8")
     motion = Motion.cosine(model, movement)
+    plant = plant_for(model, muscle, dt, physics_dt, curves)
     solutions, times = {}, {}
     told: set[str] = set()
     try:
         for name in METHODS:
             method = find_method(name)
             with each_notice_once(told):  # the warm-up
-                solutions[name] = method(model, motion, dt=dt, physics_dt=physics_dt, progress=progress)
+                solutions[name] = method(model, motion, dt=dt, physics_dt=physics_dt, plant=plant, progress=progress)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", MjhcmcWarning)
-                times[name] = _median_time(partial(method, model, motion, dt=dt, physics_dt=physics_dt))
+                times[name] = _median_time(partial(method, model, motion, dt=dt, physics_dt=physics_dt, plant=plant))
     except SolveInterrupted as stop:
         raise SolveInterrupted([solutions.get("hcmc", stop.solution)]) from stop
     opensim = None if find_reference() is None else read_reference(model, movement)
-    return Reproduction(movement, solutions, times, bare_step_time(solutions["hcmc"]), opensim)
+    return Reproduction(movement, solutions, times, bare_step_time(solutions["hcmc"]), opensim, muscle, curves)
 
 
 def _figures(result: dict[str, Any]) -> list[float]:
@@ -197,6 +233,9 @@ def _figures(result: dict[str, Any]) -> list[float]:
 def bare_step_time(solution: Solution) -> float:
     """s, wall median: MuJoCo alone stepping a solution's excitations and reserves, window by window.
 
+    MuJoCo's own muscles, whichever drove the solution; where those were Hill muscles each window begins at its recorded
+    node, since others would lose the movement.
+
     Args:
         solution: one that knows its model.
     """
@@ -204,13 +243,11 @@ def bare_step_time(solution: Solution) -> float:
     assert model is not None
     plant = MujocoPlant(model, solution.settings["physics_dt"])
     n_step = round(solution.dt / plant.physics_dt)
-    first = State(
-        float(solution.time[0]), solution.qpos[0], solution.qvel[0], solution.activation[0], 0 * solution.qvel[0]
-    )
 
     def run() -> None:
-        plant.set_state(first)
         for k in range(solution.n_window):
+            if k == 0 or solution.hosted:
+                plant.set_state(solution.state(k))
             plant.advance(solution.excitation[k], solution.reserve[k], n_step)
 
     run()

@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjhcmc.errors import OutputError
-from mjhcmc.plant import RK4_LIMIT, External
+from mjhcmc.errors import OutputError, SimulationError
+from mjhcmc.plant import RK4_LIMIT, External, MujocoPlant, State
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
     from mjhcmc.detail import Detail
+    from mjhcmc.hosted.muscles import HostedMuscles
     from mjhcmc.model import MuscleModel
     from mjhcmc.verify import Verdict
 
@@ -111,6 +112,8 @@ class Solution:
         stored_verdict: the verdict that a file held, if any.
         external: the external load as a function of time; None where there was none or the solution was read from a
             file.
+        fiber_length: (N+1, n_muscle) m, of Hill muscles with compliant tendons; None of others.
+        muscles: the Hill muscles that drove the model; None where MuJoCo's own did, or a file does not tell which.
     """
 
     time: NDArray[np.float64]
@@ -134,6 +137,8 @@ class Solution:
     model: MuscleModel | None = field(default=None, repr=False, compare=False)
     stored_verdict: Verdict | None = field(default=None, repr=False, compare=False)
     external: External | None = field(default=None, repr=False, compare=False)
+    fiber_length: NDArray[np.float64] | None = None
+    muscles: HostedMuscles | None = field(default=None, repr=False, compare=False)
 
     @property
     def n_window(self) -> int:
@@ -144,6 +149,39 @@ class Solution:
     def dt(self) -> float:
         """Length of a control window, s."""
         return float(self.settings["dt"])
+
+    @property
+    def hosted(self) -> bool:
+        """Whether Hill muscles drove the model (see `HillPlant`) in place of MuJoCo's."""
+        return self.muscles is not None or "muscles" in self.settings
+
+    def state(self, k: int) -> State:
+        """The state at node k."""
+        none = np.zeros(len(self.dof_names))
+        fiber = np.empty(0) if self.fiber_length is None else self.fiber_length[k]
+        return State(float(self.time[k]), self.qpos[k], self.qvel[k], self.activation[k], none, fiber)
+
+    def plant(self, physics_dt: float = 1e-3) -> MujocoPlant:
+        """What was driven, without loads from outside.
+
+        Args:
+            physics_dt: s, its physics step.
+
+        Raises:
+            SimulationError: the solution does not know its model or muscles (it was read from a file).
+        """
+        if self.model is None:
+            raise SimulationError(
+                "this solution was read from a file and does not know its model: read it with Solution.load(path, "
+                "model=...)"
+            )
+        if not self.hosted:
+            return MujocoPlant(self.model, physics_dt)
+        if self.muscles is None:
+            raise SimulationError("this solution was driven by Hill muscles that its file does not hold: solve again")
+        from mjhcmc.hosted.plant import HillPlant
+
+        return HillPlant(self.model, self.muscles, physics_dt=physics_dt)
 
     @property
     def peak_moment(self) -> NDArray[np.float64]:
@@ -256,6 +294,8 @@ class Solution:
             "external_load": (n + 1, v),
             "status": (n,),
         }
+        if self.fiber_length is not None:
+            shapes["fiber_length"] = (n + 1, m)
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise OutputError(f"solution: {name} has shape {getattr(self, name).shape}, expected {shape}")

@@ -81,7 +81,8 @@ def judge(solution: Solution) -> Verdict:
     rms = np.sqrt((error**2).mean(axis=0))
     limit = np.where(solution.dof_is_rotation, MAX_TRACKING_RMS, MAX_TRACKING_RMS_SLIDE)
     open_loop = window = None
-    if solution.model is not None and (solution.external is not None or not solution.external_load.any()):
+    known = solution.model is not None and not (solution.hosted and solution.muscles is None)
+    if known and (solution.external is not None or not solution.external_load.any()):
         if solution.external is None:  # under a load from outside open loop is unstable: nothing brings it back
             open_loop = _floats(np.abs(replay(solution) - solution.qpos).max(axis=0))
         window = _floats(np.abs(replay_windows(solution) - solution.qpos).max(axis=0))
@@ -168,8 +169,13 @@ def replay(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.floa
         (N+1, nq) rad or m at the nodes, starting from the recorded first node.
 
     Raises:
-        SimulationError: the solution does not know its model (it was read from a file).
+        SimulationError: the solution does not know its model or muscles (it was read from a file).
     """
+    if solution.hosted:
+        from mjhcmc.hosted import replay as hosted
+
+        solution.plant()  # knows what is missing
+        return hosted.replay(solution, physics_dt)
     engine = _Engine(solution, physics_dt)
     rows = [engine.state(0)]
     per_chunk = max(1, _CHUNK // engine.n_step)
@@ -188,6 +194,11 @@ def replay_windows(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray
     Returns:
         (N+1, nq) rad or m: the recorded first node, then the end of each window.
     """
+    if solution.hosted:
+        from mjhcmc.hosted import replay as hosted
+
+        solution.plant()  # knows what is missing
+        return hosted.replay_windows(solution, physics_dt)
     engine = _Engine(solution, physics_dt)
     rows = [engine.state(0)[None]]
     per_chunk = max(1, _CHUNK // engine.n_step)

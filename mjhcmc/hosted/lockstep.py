@@ -17,7 +17,7 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 
 from mjhcmc.chunks import in_chunks
-from mjhcmc.dynamics import POSITION_STEP, VELOCITY_STEP, NodeForces, forces_from, smooth_force
+from mjhcmc.dynamics import POSITION_STEP, VELOCITY_STEP, NodeForces, forces_from, smooth_force, with_hosted
 from mjhcmc.errors import SettingsError
 from mjhcmc.hosted.muscles import HostedMuscles, bodies_of
 from mjhcmc.hosted.stages import accelerate, advance_stage, pull, read_muscles, read_slopes_around
@@ -235,11 +235,7 @@ class HillLockstep(Lockstep):
         M, R = np.empty((k, model.nv, model.nv)), np.empty((k, model.n_muscle, model.nv))
         fill_nodes(bound.M, *bound.M_index, *bound.moment, bound.muscles, M, R)
         forces = forces_from(model, bound, R, (M @ found.qacc[:, :, None])[:, :, 0], load)
-        return replace(
-            forces,
-            muscle_force=(found.force + forces.muscle_force) * model.path_gear,
-            muscle_moment=found.tau + forces.muscle_moment,
-        )
+        return with_hosted(forces, model, found.force, R)
 
     def _pull(self, batch: Batch, bound: Bound, call: _Call, rows: Array, failed: set[int]) -> Pull:
         """Forward dynamics of the states in a batch's rows, with the muscles' forces.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,11 +13,12 @@ from numpy.typing import NDArray
 
 from mjhcmc import hill
 from mjhcmc.errors import SettingsError, SimulationError
-from mjhcmc.hill import HillModel
+from mjhcmc.hill import HillModel, MuscleState
 from mjhcmc.hill_muscles import hill_model
 from mjhcmc.hosted.curves import CompiledCurves, compiled_curves
 from mjhcmc.hosted.muscle import COMPLIANT, RIGID, steady_activations, steady_fibers, steady_forces
 from mjhcmc.model import MuscleModel
+from mjhcmc.plant import State
 
 TENDONS = ("rigid", "compliant")
 
@@ -92,9 +94,10 @@ class HostedMuscles:
         )  # fmt: skip
         return np.ascontiguousarray(np.stack(columns, axis=1))
 
-    def settings(self) -> dict[str, str]:
-        """For the record of a solution."""
-        return {"tendon": self.tendon, "curves": self.source or self.hill.curves.name}
+    def settings(self) -> dict[str, Any]:
+        """For the record of a solution; ``named`` where tendon and curves suffice to make them again."""
+        known = self.source is not None
+        return {"tendon": self.tendon, "curves": self.source or self.hill.curves.name, "named": known}
 
     def excitation_range(self, model: MuscleModel) -> Array:
         """(n_muscle, 2): the model's; compliant muscles are never without tone (see LEAST_EXCITATION)."""
@@ -150,6 +153,45 @@ class HostedMuscles:
         activation = np.empty_like(force)
         steady_activations(self.curves, self.parameters, self.kind, force, length, velocity, activation)
         return activation
+
+    def shares(self, state: State, length: Array, velocity: Array) -> tuple[Array, Array]:
+        """(n_muscle,) N each: the part of the tendon forces that the active fibers give, and the rest.
+
+        Args:
+            state: with fiber lengths where tendons are compliant.
+            length: (n_muscle,) m, musculotendon length.
+            velocity: (n_muscle,) m/s.
+        """
+        found = self._state(state.activation, state.fiber_length if self.compliant else None, length, velocity)
+        active = found.active_force * found.cos_pennation
+        return active, found.tendon_force - active
+
+    def fibers(self, activation: Array, fiber: Array | None, length: Array, velocity: Array) -> tuple[Array, Array]:
+        """(..., n_muscle) m and m/s: fiber lengths along the tendon, and how fast they grow.
+
+        Args:
+            activation: (..., n_muscle).
+            fiber: (..., n_muscle) m, where tendons are compliant.
+            length: (..., n_muscle) m, musculotendon length.
+            velocity: (..., n_muscle) m/s.
+        """
+        found = self._state(activation, fiber, length, velocity)
+        return found.fiber_length * found.cos_pennation, found.fiber_velocity / found.cos_pennation
+
+    @property
+    def optimal_length_along(self) -> Array:
+        """(n_muscle,) m, optimal fiber length along the tendon."""
+        m = self.hill.muscles
+        return m.optimal_fiber_length * np.cos(m.pennation_at_optimal)
+
+    def _state(self, activation: Array, fiber: Array | None, length: Array, velocity: Array) -> MuscleState:
+        activation = np.clip(activation, 0.0, 1.0)
+        try:
+            if fiber is not None:
+                return hill.fiber_dynamics(self.hill, activation, fiber, length, velocity)
+            return hill.rigid_tendon(self.hill, activation, length, velocity)
+        except hill.HillError as error:
+            raise SimulationError(str(error)) from error
 
     def _alone(self, i: int) -> HillModel:
         """One of the muscles."""

@@ -42,7 +42,7 @@ class HillPlant(MujocoPlant):
         external: loads from outside; held over each physics step at their value in its middle.
 
     Attributes:
-        muscles: what drives the bodies.
+        hosted: the muscles.
         driven: the model.
         model: the model's bodies, with muscles that pull nothing.
 
@@ -50,8 +50,6 @@ class HillPlant(MujocoPlant):
         SettingsError: physics_dt is not a positive number; unknown curves or tendon; muscles that are not the model's.
         ModelError: muscles that no Hill model stands for.
     """
-
-    hosts_muscles = True
 
     def __init__(
         self,
@@ -62,25 +60,29 @@ class HillPlant(MujocoPlant):
         external: External | None = None,
     ) -> None:
         hosts = muscles if isinstance(muscles, HostedMuscles) else hosted_muscles(model, muscles, tendon)
-        self.muscles: HostedMuscles = hosts
+        self.hosted: HostedMuscles = hosts
         self.driven = model
-        super().__init__(bodies_of(model, self.muscles), physics_dt, external)
+        super().__init__(bodies_of(model, self.hosted), physics_dt, external)
         self._rows = self.mj_model.actuator_outadr[model.muscle_ids]
-        self._range = self.muscles.excitation_range(model)
+        self._range = self.hosted.excitation_range(model)
         self._fiber = np.empty(0)
+
+    def at(self, physics_dt: float, external: External | None) -> HillPlant:
+        """The same with another physics step, s, and loads from outside."""
+        return HillPlant(self.driven, self.hosted, physics_dt=physics_dt, external=external)
 
     @cached_property
     def lockstep(self) -> HillLockstep:
         """What steps it."""
-        return HillLockstep([self.driven], [self.muscles], self.physics_dt, [self.external])
+        return HillLockstep([self.driven], [self.hosted], self.physics_dt, [self.external])
 
     def set_state(self, state: State) -> None:
         """See `MujocoPlant`; compliant muscles whose fiber lengths are not told are put into equilibrium."""
         super().set_state(state)
         self._fiber = state.fiber_length.copy()
-        if self.muscles.compliant and not self._fiber.size:
+        if self.hosted.compliant and not self._fiber.size:
             length, velocity = self._path().T
-            self._fiber = self.muscles.equilibrium(state.activation, length, velocity)
+            self._fiber = self.hosted.equilibrium(state.activation, length, velocity)
 
     def get_state(self) -> State:
         """See `MujocoPlant`."""
@@ -118,13 +120,13 @@ class HillPlant(MujocoPlant):
     def steady_gain_and_bias(self) -> tuple[Array, Array]:
         """See `MujocoPlant`."""
         n = self.model.n_muscle
-        rest, full = (self.muscles.steady_force(np.full(n, a), *self._now()) for a in (0.0, 1.0))
+        rest, full = (self.hosted.steady_force(np.full(n, a), *self._now()) for a in (0.0, 1.0))
         return full - rest, rest
 
     def steady_activation(self, effective: Array) -> Array:
         """See `MujocoPlant`."""
         gain, bias = self.steady_gain_and_bias()
-        return self.muscles.steady_activation(bias + gain * effective, *self._now())
+        return self.hosted.steady_activation(bias + gain * effective, *self._now())
 
     def internal_rate(self) -> float:
         """See `MujocoPlant`."""
@@ -138,12 +140,12 @@ class HillPlant(MujocoPlant):
         end, (gain, bias), n = self._path()[None], self.gain_and_bias(), self.model.n_muscle
         low, high, x, shift, u = (np.empty((1, n)) for _ in range(5))
         forces, phi = np.empty((1, n, 2)), np.empty((1, n_step + 1, n))
-        kind, curves, p = self.muscles.kind, self.muscles.curves, self.muscles.parameters[None]
+        kind, curves, p = self.hosted.kind, self.hosted.curves, self.hosted.parameters[None]
         prm, limits = self.model.activation_parameters[None], self._range.copy()[None]
         limits[0, :, 0] = np.minimum(np.maximum(limits[0, :, 0], least), limits[0, :, 1])
         a, fiber = state.activation[None], state.fiber_length[None]
         hold = np.clip(a, limits[:, :, 0], limits[:, :, 1])
-        gain = self.muscles.workable(gain)
+        gain = self.hosted.workable(gain)
         reach(
             0, 1, kind, curves, p, prm, limits, a, fiber, hold, start, end, gain[None], bias[None], np.zeros((1, n)),
             self.physics_dt, n_step, low, high, forces, shift, x, phi,
@@ -177,10 +179,10 @@ class HillPlant(MujocoPlant):
         force, gain, bias, slopes = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 4))
         length, velocity = self._now()
         muscles_at(
-            self.muscles.kind, self.muscles.curves, self.muscles.parameters, self.mj_data.act[self.model.act_index],
+            self.hosted.kind, self.hosted.curves, self.hosted.parameters, self.mj_data.act[self.model.act_index],
             self._fiber, length, velocity, force, gain, bias, slopes,
         )  # fmt: skip
-        return force, self.muscles.workable(gain), bias, slopes
+        return force, self.hosted.workable(gain), bias, slopes
 
 
 def lockstep_of(plants: Sequence[MujocoPlant], threads: int) -> HillLockstep:
@@ -193,5 +195,5 @@ def lockstep_of(plants: Sequence[MujocoPlant], threads: int) -> HillLockstep:
     first = own[0]
     if any(plant.physics_dt != first.physics_dt for plant in own):
         raise SettingsError("plants stepped together share their physics_dt: build them with one")
-    parts = [plant.driven for plant in own], [plant.muscles for plant in own]
+    parts = [plant.driven for plant in own], [plant.hosted for plant in own]
     return HillLockstep(*parts, first.physics_dt, [plant.external for plant in own], threads)

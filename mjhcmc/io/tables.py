@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from mjhcmc.hosted.muscles import HostedMuscles
     from mjhcmc.model import MuscleModel
 
 SUFFIXES = (".parquet", ".csv", ".sto", ".nc")
@@ -27,6 +28,7 @@ SUFFIXES = (".parquet", ".csv", ".sto", ".nc")
 _log = get_logger(__name__)
 
 _EXTERNAL = "external"  # prefix of columns that are there only where a load acted from outside
+_FIBER = "fiber"  # prefix of columns that are there only of Hill muscles with compliant tendons
 _META = "mjhcmc"  # key of the metadata in a file
 
 _STATUS_NOTE = {
@@ -93,6 +95,8 @@ def _table(solution: Solution) -> dict[str, NDArray[np.float64]]:
         data.update({f"{prefix}/{name}": values[:, i] for i, name in enumerate(names)})
     if solution.external_load.any():
         data.update({f"{_EXTERNAL}/{name}": solution.external_load[:, i] for i, name in enumerate(solution.dof_names)})
+    if solution.fiber_length is not None:
+        data.update({f"{_FIBER}/{name}": solution.fiber_length[:, i] for i, name in enumerate(solution.muscle_names)})
     data["status"] = np.append(solution.status.astype(np.float64), np.nan)
     return data
 
@@ -109,6 +113,8 @@ def to_xarray(solution: Solution) -> xr.Dataset:
         variables[attribute] = ((rows, labels), getattr(solution, attribute))
     if solution.external_load.any():
         variables["external_load"] = (("node", "dof"), solution.external_load)
+    if solution.fiber_length is not None:
+        variables["fiber_length"] = (("node", "muscle"), solution.fiber_length)
     variables["dof_is_rotation"] = ("dof", solution.dof_is_rotation)
     coordinates = {
         "time": ("node", solution.time),
@@ -179,7 +185,17 @@ def _with_model(solution: Solution, model: MuscleModel, path: Path) -> Solution:
                     f"{path}: {what} {i + 1} is {_quoted(own)} in the file and {_quoted(other)} in model "
                     f"{model.name!r}: give the model that was driven ({solution.settings.get('model', 'not recorded')})"
                 )
-    return replace(solution, model=model, dof_is_rotation=model.joint_is_rotation)
+    return replace(solution, model=model, dof_is_rotation=model.joint_is_rotation, muscles=_muscles(solution, model))
+
+
+def _muscles(solution: Solution, model: MuscleModel) -> HostedMuscles | None:
+    """The Hill muscles that drove a solution, where its settings name them."""
+    named = solution.settings.get("muscles")
+    if not isinstance(named, dict) or not named.get("named"):
+        return None
+    from mjhcmc.hosted.muscles import hosted_muscles
+
+    return hosted_muscles(model, named["curves"], named["tendon"])
 
 
 def _quoted(name: str | None) -> str:
@@ -258,7 +274,10 @@ def _from_columns(columns: dict[str, NDArray[np.float64]], meta: dict[str, Any])
     dofs = tuple(labels["moment"])
     if any(column.startswith(f"{_EXTERNAL}/") for column in columns):
         arrays["external_load"] = np.column_stack([columns[f"{_EXTERNAL}/{dof}"] for dof in dofs])
-    return _assemble(arrays, columns["time"], columns["status"][:-1], tuple(labels["activation"]), dofs, meta)
+    muscles = tuple(labels["activation"])
+    if any(column.startswith(f"{_FIBER}/") for column in columns):
+        arrays["fiber_length"] = np.column_stack([columns[f"{_FIBER}/{muscle}"] for muscle in muscles])
+    return _assemble(arrays, columns["time"], columns["status"][:-1], muscles, dofs, meta)
 
 
 def _from_netcdf(path: Path) -> Solution:
@@ -271,6 +290,8 @@ def _from_netcdf(path: Path) -> Solution:
     arrays = {attribute: data[attribute].to_numpy() for attribute, _, _ in _COLUMNS.values()}
     if "external_load" in data:
         arrays["external_load"] = data["external_load"].to_numpy()
+    if "fiber_length" in data:
+        arrays["fiber_length"] = data["fiber_length"].to_numpy()
     muscles, dofs = (tuple(str(name) for name in data[key].to_numpy()) for key in ("muscle", "dof"))
     return _assemble(
         arrays,

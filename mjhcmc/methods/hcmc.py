@@ -166,7 +166,7 @@ class Hcmc:
     def drive(self, team: Team) -> Driver:
         """See `run.Method`."""
         own = team.windows[0].own_plant
-        if own is not None and own.hosts_muscles:
+        if own is not None and own.hosted is not None:
             from mjhcmc.methods.force_driver import ForceDriver
 
             return ForceDriver(self, team)

@@ -129,6 +129,9 @@ class Record:
             **windows.sharing.options,
             **self._settings,
         }
+        hosted = windows.own_plant.hosted if windows.own_plant is not None else None
+        if hosted is not None:
+            everything["muscles"] = hosted.settings()
         if given is not None:
             difference = np.abs(moment - given.sample(times)).max(axis=0)
             everything["joint_moment_difference"] = dict(zip(model.dof_names, difference.tolist(), strict=True))
@@ -153,6 +156,8 @@ class Record:
             interrupted=interrupted,
             model=model,
             external=windows.external,
+            fiber_length=rows[:, layout.fiber] if rows[:, layout.fiber].size else None,
+            muscles=hosted,
         )
 
 

@@ -196,7 +196,7 @@ def run_together(
     level = 4 if numbers is None else 3  # where the user called
     outcomes = _run(method, windows, progress, threads)
     for attempt in range(1, _FINER_TRIES + 1):
-        again = [i for i, o in enumerate(outcomes) if isinstance(o, DivergedError) and windows[i].own_plant is None]
+        again = [i for i, o in enumerate(outcomes) if isinstance(o, DivergedError) and windows[i].may_be_finer]
         if not again:
             break
         finer = [windows[i].finer(_FINER**attempt) for i in again]
@@ -262,7 +262,7 @@ def _outcome(record: Record, team: Team, i: int) -> Solution | SimulationError:
 
 def _plants(windows: Sequence[Windows], threads: int) -> Plants:
     own = [w.own_plant for w in windows if w.own_plant is not None]
-    if own and all(plant.hosts_muscles for plant in own):
+    if own and all(plant.hosted is not None for plant in own):
         from mjhcmc.hosted.plant import lockstep_of
 
         return lockstep_of(own, threads)

@@ -62,9 +62,17 @@ class Windows:
         shared = self.bench if self.external is None else None
         return self.own_plant or shared or MujocoPlant(self.model, self.physics_dt, self.external)
 
+    @property
+    def may_be_finer(self) -> bool:
+        """Whether the physics step is ours to change: a plant of the user's own making keeps its step."""
+        return self.own_plant is None or self.own_plant.hosted is not None
+
     def finer(self, times: int) -> Windows:
         """The same with that many times more physics steps."""
-        return replace(self, physics_dt=self.physics_dt / times, n_step=self.n_step * times, bench=None)
+        step, own = self.physics_dt / times, self.own_plant
+        if own is not None:
+            own = own.at(step, self.external)
+        return replace(self, physics_dt=step, n_step=self.n_step * times, bench=None, own_plant=own)
 
     def without_plant(self) -> Windows:
         """The same without the plant of the model, which is built again when it is asked for."""
@@ -154,7 +162,7 @@ def prepare(
     step, external = dt / n_step, None
     if plant is None:
         pass
-    elif joint_moments is not None:
+    elif joint_moments is not None and plant.hosted is None:
         raise SettingsError(
             "joint_moments and a plant of one's own exclude each other: build the plant with "
             "external=joint_moments.implied_load(plant, motion)"
@@ -171,6 +179,7 @@ def prepare(
             )
         joint_moments.check_covers(motion, model)
         external = joint_moments.implied_load(MujocoPlant(model, step), motion)
+        plant = None if plant is None else plant.at(step, external)
     qpos = _vector("initial_qpos", initial_qpos, reference.qpos[0])
     qvel = _vector("initial_qvel", initial_qvel, reference.qvel[0])
     _check_range(motion, model, times[:1], qpos[None], "initial_qpos")
