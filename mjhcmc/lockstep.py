@@ -91,7 +91,7 @@ class Linearization(NamedTuple):
 
 
 class Plants(Protocol):
-    """Simulations stepped together. Arrays have one row a simulation of the call, in the order of ``ids``.
+    """Simulations stepped together. Arrays have one row a simulation of the call, in the order of ``ids``, which rise.
 
     Attributes:
         count: simulations in all.

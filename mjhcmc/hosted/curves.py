@@ -256,7 +256,7 @@ def _balanced_bezier(c, target, active_force, damping):  # type: ignore[no-untyp
 def _beyond(corner, value, active_force, damping):  # type: ignore[no-untyped-def]
     """On the straight line beyond a corner, where the balance is off by a value."""
     slope = active_force * corner[2] + damping
-    if value == 0.0:
+    if value == 0.0 and (active_force > 0.0 or damping > 0.0):
         return corner[0]
     return corner[0] - value / slope if slope > 0.0 else np.nan
 
@@ -288,6 +288,8 @@ def _balanced_smooth(c, target, active_force, activation, damping):  # type: ign
                 following = 0.5 * (low + high)
         step = following - v
         v = following
+        if not abs(v) < np.inf:
+            return np.nan
         if abs(step) <= _CLOSE * (1.0 + abs(v)):
             return v
     return v

@@ -15,10 +15,12 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
+from numpy.typing import NDArray
 
 from mjhcmc.chunks import in_chunks
 from mjhcmc.dynamics import POSITION_STEP, VELOCITY_STEP, NodeForces, forces_from, smooth_force, with_hosted
 from mjhcmc.errors import SettingsError
+from mjhcmc.hosted.curves import CompiledCurves
 from mjhcmc.hosted.muscles import HostedMuscles, bodies_of
 from mjhcmc.hosted.stages import accelerate, advance_stage, pull, read_muscles, read_slopes_around
 from mjhcmc.lockstep import Array, Bound, Ids, Linearization, Lockstep, without
@@ -68,6 +70,11 @@ class MuscleView:
     path: Array
     slopes: Array
 
+    def of(self, which: NDArray[np.bool_]) -> MuscleView:
+        """That of some of the simulations."""
+        parts = (part[which] for part in (self.R, self.force, self.path, self.slopes))
+        return MuscleView(self.around.of(which), *parts)
+
 
 class HillLockstep(Lockstep):
     """See `lockstep.Plants`.
@@ -94,7 +101,7 @@ class HillLockstep(Lockstep):
         threads: int = 1,
     ) -> None:
         first = muscles[0]
-        if any(m.tendon != first.tendon or m.hill.curves is not first.hill.curves for m in muscles):
+        if any(m.tendon != first.tendon or not _same(m.curves, first.curves) for m in muscles):
             raise SettingsError("muscles stepped together share their curves and their kind of tendon: give such")
         one = len(muscles) == 1
         bodies: list[MuscleModel] = []
@@ -192,7 +199,9 @@ class HillLockstep(Lockstep):
             if first == self.layout.qpos.start and not stiffness:
                 continue
             put_around(batch.state, ids, start[:, : self._n_state], self._act, first, nv, step)
-            found = self._pull(batch, bound, call, np.repeat(start, copies, axis=0), failed)
+            near = np.repeat(start, copies, axis=0)
+            near[:, : self._n_state] = batch.state[call.at]
+            found = self._pull(batch, bound, call, near, failed)
             slope.append(np.empty((b, nv, nv)))
             read_slopes_around(
                 ids, copies, step, bound.M, *bound.M_index, *bound.moment, bound.muscles, smooth_force(bound),
@@ -267,9 +276,13 @@ class HillLockstep(Lockstep):
         try:
             batch.forward(ids)
         except SimulationError as error:
-            copies = batch.nsim // self.count
+            copies = max(1, batch.nsim // self.count)
             self._faults.update({int(i) // copies: batch.error(int(i)) for i in error.ids})
             failed.update(int(i) // copies for i in error.ids)
+
+
+def _same(a: CompiledCurves, b: CompiledCurves) -> bool:
+    return a is b or all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
 def _stage(parts: tuple[Any, ...], first: int, last: int) -> None:

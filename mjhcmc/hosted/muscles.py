@@ -48,10 +48,10 @@ class HostedMuscles:
     source: str | None = None
 
     def __post_init__(self) -> None:
-        """Check that the curves know the tendon.
+        """Check that the curves know the tendon, and compile them.
 
         Raises:
-            SettingsError: no such tendon, or curves without one where it is compliant.
+            SettingsError: no such tendon, curves without one where it is compliant, or a curve that is not compiled.
         """
         if self.tendon not in TENDONS:
             raise SettingsError(f"tendon {self.tendon!r} is not known: choose one of {', '.join(TENDONS)}")
@@ -62,6 +62,7 @@ class HostedMuscles:
             if not (slack > 0).all():
                 name = self.hill.muscles.names[int(np.argmin(slack > 0))]
                 raise SettingsError(f"{name}: a tendon slack length of 0 cannot stretch: take tendon 'rigid'")
+        self.curves  # noqa: B018 - what cannot be compiled is refused now
 
     @property
     def compliant(self) -> bool:
@@ -76,7 +77,7 @@ class HostedMuscles:
     @property
     def own(self) -> bool:
         """Whether they are MuJoCo's own muscles, whose damping MuJoCo keeps."""
-        return self.hill.curves.tendon is None
+        return self.source == "mujoco"
 
     @cached_property
     def curves(self) -> CompiledCurves:

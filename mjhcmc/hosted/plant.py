@@ -135,7 +135,7 @@ class HillPlant(MujocoPlant):
     def outlook(self, state: State, expected: State, n_step: int, least: Array) -> Outlook:
         """See `MujocoPlant`; activations are effective ones, see `hosted.window`."""
         self.set_state(state)
-        start = self._path()[None]
+        start, a, fiber = self._path()[None], state.activation[None], self._fiber.copy()[None]
         super().outlook(state, expected, n_step, least)
         end, (gain, bias), n = self._path()[None], self.gain_and_bias(), self.model.n_muscle
         low, high, x, shift, u = (np.empty((1, n)) for _ in range(5))
@@ -143,14 +143,12 @@ class HillPlant(MujocoPlant):
         kind, curves, p = self.hosted.kind, self.hosted.curves, self.hosted.parameters[None]
         prm, limits = self.model.activation_parameters[None], self._range.copy()[None]
         limits[0, :, 0] = np.minimum(np.maximum(limits[0, :, 0], least), limits[0, :, 1])
-        a, fiber = state.activation[None], state.fiber_length[None]
         hold = np.clip(a, limits[:, :, 0], limits[:, :, 1])
         gain = self.hosted.workable(gain)
         reach(
             0, 1, kind, curves, p, prm, limits, a, fiber, hold, start, end, gain[None], bias[None], np.zeros((1, n)),
-            self.physics_dt, n_step, low, high, forces, shift, x, phi,
+            False, self.physics_dt, n_step, low, high, forces, shift, x, phi,
         )  # fmt: skip
-        low, high = (forces[0, :, 0] - bias) / gain, (forces[0, :, 1] - bias) / gain
 
         def excitation(goal: Array) -> Array:
             target = (bias + gain * goal)[None]
@@ -161,7 +159,7 @@ class HillPlant(MujocoPlant):
             found: Array = u[0].copy()
             return found
 
-        return Outlook(low, np.maximum(low, high), excitation)
+        return Outlook(low[0], high[0], excitation)
 
     def _path(self) -> Array:
         """(n_muscle, 2) m and m/s, musculotendon length and velocity at the plant's state."""

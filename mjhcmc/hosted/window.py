@@ -49,8 +49,8 @@ def _force(c, p, kind, a, l, ends, share, T):  # type: ignore[no-untyped-def]  #
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def reach(  # type: ignore[no-untyped-def]
-    first, last, kind, curves, p, prm, limits, activation, fiber, u, start, end, gain, bias, force, h, n_step, low,
-    high, forces, shift, x, phi,
+    first, last, kind, curves, p, prm, limits, activation, fiber, u, start, end, gain, bias, force, tried, h, n_step,
+    low, high, forces, shift, x, phi,
 ):  # fmt: skip
     """Fill what can be reached within a window, and how force builds up.
 
@@ -70,12 +70,13 @@ def reach(  # type: ignore[no-untyped-def]
         gain: (b, n) N at its end.
         bias: (b, n) N at its end.
         force: (b, n) N at the trial's end.
+        tried: whether there was a trial; else its end is where the window is expected to end, whatever the force there.
         h: s.
         n_step: steps.
         low: (b, n) effective activation reached by the lowest excitation, filled.
         high: (b, n) by the highest, filled.
         forces: (b, n, 2) N, those forces of the muscle alone, filled.
-        shift: (b, n) N, what the trial gave beyond the muscle alone, filled.
+        shift: (b, n) N, what the trial gave beyond the muscle alone, filled; 0 without one.
         x: (b, n) the trial's effective activation, filled.
         phi: (b, n_step + 1, n) filled: how a small change of excitation builds up in force, 1 at the end.
     """
@@ -92,7 +93,7 @@ def reach(  # type: ignore[no-untyped-def]
                 phi[s, k, i] = k / n_step
                 if abs(moved - alone) > _LEAST_CHANGE * m[0]:
                     phi[s, k, i] = (other[k] - one[k]) / (moved - alone)
-            shift[s, i] = force[s, i] - alone
+            shift[s, i] = force[s, i] - alone if tried else 0.0
             x[s, i] = (force[s, i] - bias[s, i]) / gain[s, i]
             for side in range(2):
                 forces[s, i, side] = _force_after(curves, m, kind, dyn, a, l, limits[s, i, side], ends, h, n_step, none)

@@ -19,6 +19,7 @@ from mjhcmc.qp_back_ends import NEWTON
 from mjhcmc.sharing import Sharing
 
 _CLOSE = 1e-12  # of F0
+_LEAST_ANSWER = 0.25  # to a constant reserve, in that to one that grows linearly over the window
 _SETTLED, _OPEN = 1, 0
 
 Array = NDArray[np.float64]
@@ -40,6 +41,8 @@ class Ahead(NamedTuple):
         kv: (b, nv) 1/s.
         step: s.
         n_step: steps ahead.
+        tried: whether there was a trial; else ``end`` is where the window is expected to end, and what its acceleration
+            misses is made up at that state.
     """
 
     ids: Ids
@@ -53,11 +56,12 @@ class Ahead(NamedTuple):
     kv: Array
     step: float
     n_step: int
+    tried: bool
 
 
 def correct_forces(
     plants: HillLockstep, ahead: Ahead, limits: Array, sharing: Sharing, price: Array, *, reserves: bool, threads: int
-) -> Correction:
+) -> tuple[Correction, NDArray[np.bool_]]:
     """The Newton step of each trial; see `correction.correct`.
 
     Args:
@@ -82,17 +86,23 @@ def correct_forces(
     w, a0, cubic = sharing.weigh(gain, bias, start)
     kind, curves = plants.muscles.kind, plants.muscles.curves
     ours = sharing.solver == NEWTON and cubic is None
-    assert found.K is not None
+    K = found.M if found.K is None else found.K  # without a trial none is needed
+    if not ahead.tried:
+        answers[:, :, :n], answers[:, :, n:] = B, np.eye(nv)
+        wanted, rate = (found.M @ ahead.missing[:, :, None])[:, :, 0], np.zeros(b)
+        x = (ahead.end.force - bias) / gain
+        Q = (B @ x[:, :, None])[:, :, 0] + ahead.reserve
 
     def chunk(first: int, last: int) -> None:
         reach(
             first, last, kind, curves, p, prm, limits, start, fiber, ahead.excitation, ahead.path, ahead.end.path,
-            gain, bias, ahead.end.force, ahead.step, ahead.n_step, low, high, forces, shift, x, phi,
+            gain, bias, ahead.end.force, ahead.tried, ahead.step, ahead.n_step, low, high, forces, shift, x, phi,
         )  # fmt: skip
-        linearize(
-            first, last, found.M, found.D, found.K, ahead.end.R, gain, phi, ahead.end.slopes, ahead.kp, ahead.kv,
-            ahead.step, ahead.missing, x, ahead.reserve, answers, wanted, Q, rate,
-        )  # fmt: skip
+        if ahead.tried:
+            linearize(
+                first, last, found.M, found.D, K, ahead.end.R, gain, phi, ahead.end.slopes, ahead.kp, ahead.kv,
+                ahead.step, ahead.missing, x, ahead.reserve, answers, wanted, Q, rate,
+            )  # fmt: skip
         _share(
             first, last, B, found.M, answers, wanted, Q, x, ahead.reserve, low, high, sharing.disabled, w, a0,
             ELASTICITY, reserves, ours, price, goal, shortfall, state,
@@ -102,7 +112,7 @@ def correct_forces(
     errors: dict[int, SimulationError] = {}
     if not state.all():
         trial = Trial(
-            start, ahead.excitation, ahead.reserve, x, ahead.missing, found.M, B, gain, bias, found.D, found.K,
+            start, ahead.excitation, ahead.reserve, x, ahead.missing, found.M, B, gain, bias, found.D, K,
             ahead.kp, ahead.kv, ahead.step, ahead.n_step,
         )  # fmt: skip
         program = Program(answers, wanted, Q, low, high)
@@ -119,7 +129,9 @@ def correct_forces(
     in_chunks(back, b, threads)
     for i in errors:
         excitation[i], shortfall[i] = 0.0, 0.0
-    return Correction(sharing.excitation(excitation), shortfall, errors, rate)
+    T = np.diagonal(answers[:, :, n:], axis1=1, axis2=2)
+    sound = np.asarray((T > _LEAST_ANSWER).all(axis=1)) if reserves else np.ones(b, dtype=bool)
+    return Correction(sharing.excitation(excitation), shortfall, errors, rate), sound
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_LOOK_AHEAD = 0.01  # s; DESIGN: below, excitations ring
+_LOOK_AHEAD = 0.01  # s; with less excitations ring at small dt, with more they lead (benchmarks/hill.py)
 _WINDOWS_AHEAD = 1.2
+_TINY = 1e-9  # rad/s^2
 
 
 class ForceDriver(HcmcDriver):
@@ -55,44 +56,63 @@ class ForceDriver(HcmcDriver):
         team, plants, at = self._team, self._plants, self._which(ids)
         if k == 0:
             self._look_around(ids, at, rows)
-        kp, kv, _, _ = self._aim(k, at, rows, rows[:, self._layout.activation])
+        kp, kv, goal, expected = self._aim(k, at, rows, rows[:, self._layout.activation])
         path = plants.path(ids, rows)
+        view = plants.view(ids, expected, team.reserve[at], stiffness=False)
+        trial = rows, path, kp, kv
+        self._correct_by(k, ids, at, view, goal - view.around.qacc, trial, tried=False)
         ends = plants.step(ids, rows, team.excitation[at], team.reserve[at], self._n_step)
+        view = plants.view(ids, ends, team.reserve[at])
+        missing = self._missing(k, at, (kp, kv), ends, view.around.qacc)
         whom: Index = slice(None)  # which of the call's simulations are still corrected
         who, where = ids, at
         for _ in range(self._settings.trials):
-            view = plants.view(who, ends[whom], team.reserve[where])
             self._keep(where, view.around)
             self._internal[where] = -view.slopes[:, :, 2].min(axis=1)
-            missing = self._missing(k, where, (kp[whom], kv[whom]), ends[whom], view.around.qacc)
-            self._correct_by(k, who, where, view, missing, (rows[whom], path[whom], kp[whom], kv[whom]))
-            ends[whom] = plants.step(who, rows[whom], team.excitation[where], team.reserve[where], self._n_step)
-            qacc = plants.acceleration(who, ends[whom], team.reserve[where])
-            missing = self._missing(k, where, (kp[whom], kv[whom]), ends[whom], qacc)
-            again = np.any(np.abs(missing) > self._missable[where], axis=1)
+            kept = [values[where].copy() for values in (team.excitation, team.reserve, team.shortfall)]
+            sound = self._correct_by(k, who, where, view, missing, tuple(part[whom] for part in trial), tried=True)
+            anew = plants.step(who, rows[whom], team.excitation[where], team.reserve[where], self._n_step)
+            view = plants.view(who, anew, team.reserve[where])
+            left = self._missing(k, where, (kp[whom], kv[whom]), anew, view.around.qacc)
+            worse = ~(sound & (self._size(where, left) < self._size(where, missing)))
+            if worse.any():
+                bad = who[worse]
+                team.excitation[bad], team.reserve[bad], team.shortfall[bad] = (part[worse] for part in kept)
+                anew[worse] = ends[whom][worse]
+            ends[whom] = anew
+            again = ~worse & (self._size(where, left) > 1.0)
             if not again.any():
                 break
             if not again.all():
                 whom = np.flatnonzero(again) if isinstance(whom, slice) else whom[again]
                 who = where = ids[whom]
+                view, left = view.of(again), left[again]
+            missing = left
         if self._n_step > team.n_step:
             ends = plants.step(ids, rows, team.excitation[at], team.reserve[at], team.n_step)
+        self._qacc_at[at] = plants.acceleration(ids, ends, team.reserve[at])
         self._look_at_stiff(k, ids, at, ends)
         team.fastest_rate[at] = np.maximum(team.fastest_rate[at], self._internal[at])
         return ends
 
+    def _size(self, at: Index, missing: Array) -> Array:
+        """(b,) what is missed, in what may be missed."""
+        return np.asarray(np.abs(missing / np.maximum(self._missable[at], _TINY)).max(axis=1))
+
     def _correct_by(
-        self, k: int, ids: Ids, at: Index, view: MuscleView, missing: Array, trial: tuple[Array, Array, Array, Array]
-    ) -> None:
-        """Put corrected inputs into the team, after a trial that began with rows and path, under gains kp and kv."""
+        self, k: int, ids: Ids, at: Index, view: MuscleView, missing: Array, trial: tuple[Array, ...], *, tried: bool
+    ) -> NDArray[np.bool_]:
+        """Put corrected inputs into the team; a trial began with rows and path, under gains kp and kv."""
         team, price, sharing = self._team, self._price[at], self._sharing
         rows, path, kp, kv = trial
         ahead = Ahead(
-            ids, rows, path, team.excitation[at], team.reserve[at], missing, view, kp, kv, team.physics_dt, self._n_step
-        )
-        correction = correct_forces(
+            ids, rows, path, team.excitation[at], team.reserve[at], missing, view, kp, kv, team.physics_dt,
+            self._n_step, tried,
+        )  # fmt: skip
+        correction, sound = correct_forces(
             self._plants, ahead, self._limits[at], sharing if isinstance(at, slice) else sharing.of(at), price,
             reserves=self._settings.reserves, threads=self._settings.threads,
         )  # fmt: skip
         self._price[at] = price
         self._take(k, ids, at, correction, (missing, view.around.B, view.around.D))
+        return sound
