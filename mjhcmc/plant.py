@@ -102,6 +102,9 @@ class MujocoPlant:
         """One like it with another physics step, s, and loads from outside."""
         return MujocoPlant(self.model, physics_dt, external)
 
+    def check_motion(self, name: str, time: NDArray[np.float64], qpos: NDArray[np.float64]) -> None:
+        """Refuse a motion that the muscles have no force along; MuJoCo's have one at any length."""
+
     def set_state(self, state: State) -> None:
         """Put the plant into a state; derived quantities are stale until `forward`."""
         d = self.mj_data
@@ -110,6 +113,10 @@ class MujocoPlant:
         d.qvel[:] = state.qvel
         d.act[self.model.act_index] = state.activation
         d.qacc_warmstart[:] = state.warmstart
+
+    def settled(self, state: State) -> State:
+        """The state with what muscles have as a state of their own, in equilibrium where it is not told."""
+        return state
 
     def get_state(self) -> State:
         """A copy of the plant's state."""

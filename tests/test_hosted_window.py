@@ -38,7 +38,7 @@ class Window:
     def run(self, tried=True):
         n = len(self.F0)
         self.low, self.high, self.shift, self.x = (np.empty((1, n)) for _ in range(4))
-        self.forces, self.phi = np.empty((1, n, 2)), np.empty((1, self.n_step + 1, n))
+        self.forces, self.phi = np.empty((1, n, 4)), np.empty((1, self.n_step + 1, n))
         c, p = self.hosts.curves, self.hosts.parameters
         m = self.model.muscles
         fiber = np.hypot(self.end[:, 0] - m.tendon_slack_length, m.fiber_width)
@@ -63,7 +63,7 @@ class Window:
 
     def excite(self, goal, close=1e-12):
         u = np.full((1, len(self.F0)), -1.0)
-        excite(**self.muscle(), goal=goal[None], forces=self.forces, close=close, u=u)
+        excite(**self.muscle(), goal=goal[None], tried=self.u[None], forces=self.forces, close=close, u=u)
         return u[0]
 
     def path(self, t):

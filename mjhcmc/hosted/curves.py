@@ -106,7 +106,7 @@ _FAMILIES: dict[type, tuple[int, Callable[[Any], tuple[float, ...]]]] = {
 
 @numba.njit(cache=True, error_model="numpy")
 def _bezier(c, which, x):  # type: ignore[no-untyped-def]
-    """Value at x; outside the segments a straight line."""
+    """Value at x of the curve which (np.int64, so that one version is compiled); beyond its segments a straight line."""
     n, corners = c.segments[which], c.corners[which]
     if not x >= corners[0, 0]:
         return corners[0, 1] + corners[0, 2] * (x - corners[0, 0])  # NaN stays NaN
@@ -135,7 +135,7 @@ def active(c, length):  # type: ignore[no-untyped-def]
     """Active force-length multiplier at normalised fiber length; see `mjhcmc.hill`, as the rest."""
     family, k = c.family[ACTIVE], c.constants[ACTIVE]
     if family == _BEZIER:
-        return _bezier(c, ACTIVE, length)
+        return _bezier(c, np.int64(ACTIVE), length)
     if family == _THELEN:
         return np.exp(-((length - 1.0) ** 2) / k[0])
     if family == _DEGROOTE_FREGLY:
@@ -156,7 +156,7 @@ def passive(c, length):  # type: ignore[no-untyped-def]
     """Passive force-length multiplier at normalised fiber length."""
     family, k = c.family[PASSIVE], c.constants[PASSIVE]
     if family == _BEZIER:
-        return _bezier(c, PASSIVE, length)
+        return _bezier(c, np.int64(PASSIVE), length)
     if family == _THELEN:
         return np.expm1(k[0] * max(length - 1.0, 0.0)) * k[1]
     if family == _DEGROOTE_FREGLY:
@@ -170,7 +170,7 @@ def tendon(c, length):  # type: ignore[no-untyped-def]
     """Normalised tendon force at normalised tendon length."""
     family, k = c.family[TENDON], c.constants[TENDON]
     if family == _BEZIER:
-        return _bezier(c, TENDON, length)
+        return _bezier(c, np.int64(TENDON), length)
     strain = length - 1.0
     if family == _THELEN:
         toe = k[0]
@@ -185,7 +185,7 @@ def force_velocity(c, velocity, activation):  # type: ignore[no-untyped-def]
     """Force-velocity multiplier and its slope at normalised fiber velocity."""
     family, k = c.family[VELOCITY], c.constants[VELOCITY]
     if family == _BEZIER:
-        return _bezier(c, VELOCITY, velocity), np.nan
+        return _bezier(c, np.int64(VELOCITY), velocity), np.nan
     if family == _THELEN:
         reach = 0.25 + 0.75 * activation
         s, shape, top = velocity / reach, k[0], k[1]

@@ -122,7 +122,7 @@ class HillLockstep(Lockstep):
         self._bound = Bound(self._batches[1.0], bodies[0], _STAGED)
 
     def rows(self, states: Sequence[State]) -> Array:
-        """See `Plants`; a state that holds no fiber lengths has its fibers in equilibrium."""
+        """See `Plants`; a state that holds no fiber lengths has its fibers in equilibrium, if there is one."""
         found = np.zeros((self.count, self.layout.fiber.stop))
         found[:, : self._n_state] = super().rows(states)
         if self.muscles.compliant:
@@ -134,7 +134,7 @@ class HillLockstep(Lockstep):
     def _resting(self, i: int, row: Array) -> Array:
         """Fiber lengths in equilibrium, of simulation i."""
         path = self.path(np.array([i]), row[None])[0]
-        return self._all[i].equilibrium(row[self.layout.activation], path[:, 0], path[:, 1])
+        return self._all[i].equilibrium(row[self.layout.activation], path[:, 0], path[:, 1], lenient=True)
 
     def path(self, ids: Ids, rows: Array) -> Array:
         """(b, n_muscle, 2) m and m/s, musculotendon length and velocity at states."""

@@ -111,13 +111,14 @@ class HostedMuscles:
         """The gain (..., n_muscle) N, at least 2 % of F0: activation is told by it (see `hosted.window`)."""
         return np.maximum(gain, _LEAST_GAIN * self.hill.muscles.max_isometric_force)
 
-    def equilibrium(self, activation: Array, length: Array, velocity: Array) -> Array:
+    def equilibrium(self, activation: Array, length: Array, velocity: Array, *, lenient: bool = False) -> Array:
         """(n_muscle,) m, fiber lengths of muscles in steady motion; at rest where steady motion would push.
 
         Args:
             activation: (n_muscle,).
             length: (n_muscle,) m, musculotendon length.
             velocity: (n_muscle,) m/s.
+            lenient: give fibers that have no equilibrium, their tendons being slack, their shortest length.
 
         Raises:
             SimulationError: no equilibrium at rest either.
@@ -128,7 +129,11 @@ class HostedMuscles:
             try:
                 found[i] = hill.static_equilibrium(self._alone(int(i)), activation[i], length[i]).fiber_length
             except hill.HillError as error:
-                raise SimulationError(f"the fibers cannot be put into equilibrium: {error}") from error
+                if not lenient:
+                    raise SimulationError(f"the fibers cannot be put into equilibrium: {error}") from error
+                width = self.parameters[i, 3]
+                shortest = self.hill.curves.shortest_fiber * self.parameters[i, 1]
+                found[i] = max(shortest, width * (1 + 1e-6))
         return found
 
     def steady_force(self, activation: Array, length: Array, velocity: Array) -> Array:

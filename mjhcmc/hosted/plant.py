@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mjhcmc import hill
 from mjhcmc.dynamics import moment_arms
-from mjhcmc.errors import SettingsError
+from mjhcmc.errors import MotionError, SettingsError
 from mjhcmc.hosted.lockstep import HillLockstep
 from mjhcmc.hosted.muscles import HostedMuscles, bodies_of, hosted_muscles
 from mjhcmc.hosted.stages import muscles_at
@@ -71,18 +71,55 @@ class HillPlant(MujocoPlant):
         """The same with another physics step, s, and loads from outside."""
         return HillPlant(self.driven, self.hosted, physics_dt=physics_dt, external=external)
 
+    def check_motion(self, name: str, time: Array, qpos: Array) -> None:
+        """Refuse a motion that leaves a fiber on a rigid tendon no length.
+
+        Args:
+            name: of the motion.
+            time: (n,) s.
+            qpos: (n, nq) rad or m.
+
+        Raises:
+            MotionError: naming the muscle, the time and the lengths.
+        """
+        if self.hosted.compliant:
+            return
+        m, d = self.mj_model, self.mj_data
+        slack = self.hosted.hill.muscles.tendon_slack_length
+        for t, pose in zip(time, qpos, strict=True):
+            d.qpos[:] = pose
+            mujoco.mj_fwdPosition(m, d)
+            short = np.flatnonzero(d.actuator_length[self._rows] <= slack)
+            if short.size:
+                i = int(short[0])
+                raise MotionError(
+                    f"motion {name!r}: at {t:.4g} s the path of {self.model.muscle_names[i]!r} is "
+                    f"{d.actuator_length[self._rows][i]:.4g} m long and its tendon {slack[i]:.4g} m, which leaves the "
+                    "fiber nothing: take tendon 'compliant', or correct the muscle"
+                )
+
     @cached_property
     def lockstep(self) -> HillLockstep:
         """What steps it."""
         return HillLockstep([self.driven], [self.hosted], self.physics_dt, [self.external])
 
     def set_state(self, state: State) -> None:
-        """See `MujocoPlant`; compliant muscles whose fiber lengths are not told are put into equilibrium."""
+        """See `MujocoPlant`; fibers whose lengths are not told are put into equilibrium, if there is one."""
         super().set_state(state)
         self._fiber = state.fiber_length.copy()
         if self.hosted.compliant and not self._fiber.size:
-            length, velocity = self._path().T
-            self._fiber = self.hosted.equilibrium(state.activation, length, velocity)
+            self._fiber = self.hosted.equilibrium(state.activation, *self._path().T, lenient=True)
+
+    def settled(self, state: State) -> State:
+        """See `MujocoPlant`.
+
+        Raises:
+            SimulationError: a muscle has no equilibrium there.
+        """
+        super().set_state(state)
+        if not self.hosted.compliant or state.fiber_length.size:
+            return state
+        return replace(state, fiber_length=self.hosted.equilibrium(state.activation, *self._path().T))
 
     def get_state(self) -> State:
         """See `MujocoPlant`."""
@@ -139,7 +176,7 @@ class HillPlant(MujocoPlant):
         super().outlook(state, expected, n_step, least)
         end, (gain, bias), n = self._path()[None], self.gain_and_bias(), self.model.n_muscle
         low, high, x, shift, u = (np.empty((1, n)) for _ in range(5))
-        forces, phi = np.empty((1, n, 2)), np.empty((1, n_step + 1, n))
+        forces, phi = np.empty((1, n, 4)), np.empty((1, n_step + 1, n))
         kind, curves, p = self.hosted.kind, self.hosted.curves, self.hosted.parameters[None]
         prm, limits = self.model.activation_parameters[None], self._range.copy()[None]
         limits[0, :, 0] = np.minimum(np.maximum(limits[0, :, 0], least), limits[0, :, 1])
@@ -153,8 +190,8 @@ class HillPlant(MujocoPlant):
         def excitation(goal: Array) -> Array:
             target = (bias + gain * goal)[None]
             excite(
-                0, 1, kind, curves, p, prm, limits, a, fiber, target, start, end, self.physics_dt, n_step, forces,
-                _CLOSE, u,
+                0, 1, kind, curves, p, prm, limits, a, fiber, target, start, end, self.physics_dt, n_step, hold,
+                forces, _CLOSE, u,
             )  # fmt: skip
             found: Array = u[0].copy()
             return found

@@ -12,6 +12,8 @@ from mjhcmc.hosted.muscle import COMPLIANT, advance, compliant_force, rigid_forc
 
 _CHANGE = 1e-3  # of excitation: well above rounding, well below what matters
 _ITERATIONS = 60
+_QUICK = 8  # secant steps from the last two points, before it is the bracket's ends
+_LEAST_REACH = 1e-4  # of F0: below, no excitation is worth it
 _LEAST_CHANGE = 1e-9  # of F0: below, excitation does not move the force
 
 
@@ -75,7 +77,8 @@ def reach(  # type: ignore[no-untyped-def]
         n_step: steps.
         low: (b, n) effective activation reached by the lowest excitation, filled.
         high: (b, n) by the highest, filled.
-        forces: (b, n, 2) N, those forces of the muscle alone, filled.
+        forces: (b, n, 4) N, those forces of the muscle alone, that of the trial's excitation, and its slope over
+            excitation; filled.
         shift: (b, n) N, what the trial gave beyond the muscle alone, filled; 0 without one.
         x: (b, n) the trial's effective activation, filled.
         phi: (b, n_step + 1, n) filled: how a small change of excitation builds up in force, 1 at the end.
@@ -94,6 +97,7 @@ def reach(  # type: ignore[no-untyped-def]
                 if abs(moved - alone) > _LEAST_CHANGE * m[0]:
                     phi[s, k, i] = (other[k] - one[k]) / (moved - alone)
             shift[s, i] = force[s, i] - alone if tried else 0.0
+            forces[s, i, 2], forces[s, i, 3] = alone, (moved - alone) / (near - u[s, i])
             x[s, i] = (force[s, i] - bias[s, i]) / gain[s, i]
             for side in range(2):
                 forces[s, i, side] = _force_after(curves, m, kind, dyn, a, l, limits[s, i, side], ends, h, n_step, none)
@@ -103,12 +107,12 @@ def reach(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def excite(  # type: ignore[no-untyped-def]
-    first, last, kind, curves, p, prm, limits, activation, fiber, goal, start, end, h, n_step, forces, close, u
+    first, last, kind, curves, p, prm, limits, activation, fiber, goal, start, end, h, n_step, tried, forces, close, u
 ):
     """Fill u (b, n): the excitation whose window ends in the goal force (b, n) N of the muscle alone, or nearest to it.
 
-    A bracketed secant search (Illinois): force rises with excitation. The rest as `reach`; close is what of F0 may be
-    missed.
+    Force rises with excitation. From where the trial's slope points, by the secant method within a bracket (Illinois).
+    The rest as `reach`; tried is the trial's excitation (b, n), close what of F0 may be missed.
     """
     none, ends = np.empty(0), np.empty(4)
     for s in range(first, last):
@@ -116,30 +120,41 @@ def excite(  # type: ignore[no-untyped-def]
             m, target = p[s, i], goal[s, i]
             low, high = limits[s, i]
             f_low, f_high = forces[s, i, 0] - target, forces[s, i, 1] - target
-            if not f_low < 0.0:
-                u[s, i] = low if f_low >= 0.0 else np.nan
+            if not (f_low < 0.0 and f_high - f_low > _LEAST_REACH * m[0]):  # a slack tendon tells nothing of activation
+                u[s, i] = low if f_high >= f_low else np.nan
                 continue
             if not f_high > 0.0:
                 u[s, i] = high if f_high <= 0.0 else np.nan
                 continue
             ends[0], ends[1], ends[2], ends[3] = start[s, i, 0], start[s, i, 1], end[s, i, 0], end[s, i, 1]
             l = fiber[s, i] if kind == COMPLIANT else 0.0  # noqa: E741
-            side, middle = 0, low
-            for step in range(_ITERATIONS):
-                middle = (low * f_high - high * f_low) / (f_high - f_low)
-                if step % 16 == 15:  # guard against a stalled secant
-                    middle = 0.5 * (low + high)
-                f = _force_after(
-                    curves, m, kind, prm[s, i], activation[s, i], l, middle, ends, h, n_step, none
-                ) - target  # fmt: skip
-                if abs(f) <= close * m[0] or high - low < 1e-14:
-                    break
-                if f < 0.0:
-                    low, f_low = middle, f
-                    f_high *= 0.5 if side == -1 else 1.0
-                    side = -1
-                else:
-                    high, f_high = middle, f
-                    f_low *= 0.5 if side == 1 else 1.0
-                    side = 1
-            u[s, i] = middle
+            last_u, last_f, slope = tried[s, i], forces[s, i, 2] - target, forces[s, i, 3]
+            guess, side = last_u, 0
+            if abs(last_f) > close * m[0]:
+                if last_f < 0.0 and last_u > low:
+                    low, f_low = last_u, last_f
+                elif last_f > 0.0 and last_u < high:
+                    high, f_high = last_u, last_f
+                for step in range(_ITERATIONS):
+                    guess = last_u - last_f / slope
+                    if not low < guess < high or step > _QUICK:
+                        guess = (low * f_high - high * f_low) / (f_high - f_low)
+                        if step % 16 == 15:  # guard against a stalled secant
+                            guess = 0.5 * (low + high)
+                    f = (
+                        _force_after(curves, m, kind, prm[s, i], activation[s, i], l, guess, ends, h, n_step, none)
+                        - target
+                    )
+                    if abs(f) <= close * m[0] or high - low < 1e-14:
+                        break
+                    slope = (f - last_f) / (guess - last_u)
+                    last_u, last_f = guess, f
+                    if f < 0.0:
+                        low, f_low = guess, f
+                        f_high *= 0.5 if side == -1 else 1.0
+                        side = -1
+                    else:
+                        high, f_high = guess, f
+                        f_low *= 0.5 if side == 1 else 1.0
+                        side = 1
+            u[s, i] = guess

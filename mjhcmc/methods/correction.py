@@ -310,7 +310,7 @@ def _linearize(  # type: ignore[no-untyped-def]
             rate[b] = max(rate[b], total)
 
 
-@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def settle(  # type: ignore[no-untyped-def]
     B, M, answers, wanted, Q, a_end, s_end, lb, ub, w, a0, elasticity, reserves, price, a, shortfall
 ):

@@ -18,7 +18,7 @@ from mjhcmc.methods.force_response import linearize
 from mjhcmc.qp_back_ends import NEWTON
 from mjhcmc.sharing import Sharing
 
-_CLOSE = 1e-12  # of F0
+_CLOSE = 1e-10  # of F0
 _LEAST_ANSWER = 0.25  # to a constant reserve, in that to one that grows linearly over the window
 _SETTLED, _OPEN = 1, 0
 
@@ -64,6 +64,9 @@ def correct_forces(
 ) -> tuple[Correction, NDArray[np.bool_]]:
     """The Newton step of each trial; see `correction.correct`.
 
+    Where antagonists hold a joint between taut tendons, it swings on them within the time ahead, and a reserve's effect
+    on the acceleration at its end may vanish or change sign: then there is nothing to go by.
+
     Args:
         plants: what is stepped.
         ahead: the trials.
@@ -72,6 +75,9 @@ def correct_forces(
         price: (b, nv) multipliers to start the allocations from; they become those found.
         reserves: whether what the muscles leave is given by reserves.
         threads: to compute on.
+
+    Returns:
+        The correction; and (b,) whether it can be believed.
     """
     found, layout = ahead.end.around, plants.layout
     b, nv, n = found.B.shape
@@ -79,7 +85,7 @@ def correct_forces(
     gain, bias, B = found.gain, found.bias, found.B
     start, fiber = ahead.rows[:, layout.activation], ahead.rows[:, layout.fiber]
     low, high, x, shift, excitation = (np.empty((b, n)) for _ in range(5))
-    forces, phi = np.empty((b, n, 2)), np.empty((b, ahead.n_step + 1, n))
+    forces, phi = np.empty((b, n, 4)), np.empty((b, ahead.n_step + 1, n))
     answers, wanted, Q = np.empty((b, nv, n + nv)), np.empty((b, nv)), np.empty((b, nv))
     shortfall, rate, goal = np.empty((b, nv)), np.empty(b), np.full((b, n), np.nan)
     state = np.empty(b, dtype=np.int64)
@@ -123,7 +129,7 @@ def correct_forces(
     def back(first: int, last: int) -> None:
         excite(
             first, last, kind, curves, p, prm, limits, start, fiber, target, ahead.path, ahead.end.path, ahead.step,
-            ahead.n_step, forces, _CLOSE, excitation,
+            ahead.n_step, ahead.excitation, forces, _CLOSE, excitation,
         )  # fmt: skip
 
     in_chunks(back, b, threads)

@@ -25,14 +25,16 @@ Array = NDArray[np.float64]
 
 _LOOK_AHEAD = 0.01  # s; with less excitations ring at small dt, with more they lead (benchmarks/hill.py)
 _WINDOWS_AHEAD = 1.2
+_AUTHORITY = 0.5  # of the setting: within the time ahead, stretched tendons let muscles change so much less
 _TINY = 1e-9  # rad/s^2
 
 
 class ForceDriver(HcmcDriver):
     """Takes a team of Hill plants through its windows.
 
-    Each begins with a trial under the last window's inputs, which is corrected until its end misses no more than is
-    tolerated; see `HcmcDriver` for what is carried from window to window.
+    Each begins with an allocation at its expected end, and a trial. Newton steps correct the trial until its end misses
+    no more than is tolerated; one that cannot be believed, or whose end misses more, is taken back. See `HcmcDriver`
+    for what is carried from window to window.
     """
 
     def __init__(self, settings: Hcmc, team: Team) -> None:
@@ -45,6 +47,7 @@ class ForceDriver(HcmcDriver):
             ahead = max(_LOOK_AHEAD, _WINDOWS_AHEAD * team.dt)
             self._n_step = max(team.n_step, round(ahead / team.physics_dt))
             self._ahead = self._n_step * team.physics_dt
+            self._authority *= _AUTHORITY
             goals = self._references([w.reference_at(w.reference.time[:-1] + self._ahead) for w in team.windows])
             self._goal_qpos, self._goal_qvel, self._goal_qacc = goals
         limits = plants.excitation_range
@@ -64,6 +67,7 @@ class ForceDriver(HcmcDriver):
         ends = plants.step(ids, rows, team.excitation[at], team.reserve[at], self._n_step)
         view = plants.view(ids, ends, team.reserve[at])
         missing = self._missing(k, at, (kp, kv), ends, view.around.qacc)
+        size = self._size(at, missing)
         whom: Index = slice(None)  # which of the call's simulations are still corrected
         who, where = ids, at
         for _ in range(self._settings.trials):
@@ -74,13 +78,14 @@ class ForceDriver(HcmcDriver):
             anew = plants.step(who, rows[whom], team.excitation[where], team.reserve[where], self._n_step)
             view = plants.view(who, anew, team.reserve[where])
             left = self._missing(k, where, (kp[whom], kv[whom]), anew, view.around.qacc)
-            worse = ~(sound & (self._size(where, left) < self._size(where, missing)))
+            found = self._size(where, left)
+            worse = ~(sound & (found < size[whom]))
             if worse.any():
                 bad = who[worse]
                 team.excitation[bad], team.reserve[bad], team.shortfall[bad] = (part[worse] for part in kept)
                 anew[worse] = ends[whom][worse]
-            ends[whom] = anew
-            again = ~worse & (self._size(where, left) > 1.0)
+            ends[whom], size[whom] = anew, np.where(worse, size[whom], found)
+            again = ~worse & (found > 1.0)
             if not again.any():
                 break
             if not again.all():
@@ -102,7 +107,11 @@ class ForceDriver(HcmcDriver):
     def _correct_by(
         self, k: int, ids: Ids, at: Index, view: MuscleView, missing: Array, trial: tuple[Array, ...], *, tried: bool
     ) -> NDArray[np.bool_]:
-        """Put corrected inputs into the team; a trial began with rows and path, under gains kp and kv."""
+        """Put corrected inputs into the team; a trial began with rows and path, under gains kp and kv.
+
+        Returns:
+            (b,) whether the corrections can be believed, see `correct_forces`.
+        """
         team, price, sharing = self._team, self._price[at], self._sharing
         rows, path, kp, kv = trial
         ahead = Ahead(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,11 +17,15 @@ from mjhcmc.methods.run import Progress, SolveInterrupted, run_together
 from mjhcmc.methods.windows import Windows, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
+from mjhcmc.muscle_choice import check_muscle, plant_for
 from mjhcmc.notices import each_notice_once
 from mjhcmc.plant import MujocoPlant
 from mjhcmc.solution import Solution
 from mjhcmc.solution_batch import SolutionBatch, agreed, one_each
 from mjhcmc.variants import check_alike, variants
+
+if TYPE_CHECKING:
+    from mjhcmc.hosted.plant import HillPlant
 
 
 def hcmc_batch(
@@ -47,6 +51,8 @@ def hcmc_batch(
     tolerance: float = 0.1,
     gain: float = 2.7,
     authority: float = 0.15,
+    muscle: str = "mujoco",
+    curves: str = "millard",
     progress: Progress | None = None,
 ) -> SolutionBatch:
     """Follow many motions, or one with many models, in lock step on all cores.
@@ -78,6 +84,9 @@ def hcmc_batch(
         tolerance: as `hcmc`.
         gain: as `hcmc`.
         authority: as `hcmc`.
+        muscle: what drives the models: ``"mujoco"``, their own muscles; ``"rigid"`` or ``"compliant"``, Hill muscles that
+            follow from them, with such tendons (see `HillPlant`).
+        curves: of Hill muscles: ``"millard"``, ``"thelen"`` or ``"degroote-fregly"``.
         progress: called with (windows solved, windows of the longest motion); anew where some are solved again.
 
     Returns:
@@ -89,6 +98,7 @@ def hcmc_batch(
         SolveInterrupted: a KeyboardInterrupt came; its ``solutions`` hold what was solved.
     """
     n_thread = _threads(threads)
+    check_muscle(muscle, curves)
     members, errors = _members(models, motions, parameters)
     count = len(members)
     n_thread = min(n_thread, count)
@@ -105,19 +115,22 @@ def hcmc_batch(
         "disabled": disabled, "solver": solver,
     }  # fmt: skip
     bench: MujocoPlant | None = None
+    plant: HillPlant | None = None
     windows: dict[int, Windows] = {}
     told: set[str] = set()
     for i, (model, motion) in enumerate(members):
         if i in errors or model is None:
             continue
         start: dict[str, Any] = {f"initial_{name}": rows[i] for name, rows in starts.items()}
-        if bench is None or bench.model is not model:
-            bench = MujocoPlant(model)
         given = moments[i if len(moments) > 1 else 0]
         try:
+            if muscle == "mujoco" and (bench is None or bench.model is not model):
+                bench = MujocoPlant(model)
+            elif muscle != "mujoco" and (plant is None or plant.driven is not model):
+                plant = plant_for(model, muscle, dt, physics_dt, curves)
             with each_notice_once(told):
                 windows[i] = prepare(
-                    model, motion, dt, physics_dt, **start, joint_moments=given, bench=bench, **choices
+                    model, motion, dt, physics_dt, **start, joint_moments=given, plant=plant, bench=bench, **choices
                 )
         except MjhcmcError as error:
             errors[i] = error

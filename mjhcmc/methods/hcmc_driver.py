@@ -84,7 +84,7 @@ class HcmcDriver:
             np.stack([m.activation_parameters for m in models]), np.stack([m.excitation_range for m in models]),
             team.physics_dt, team.n_step,
         )  # fmt: skip
-        self._ahead = team.dt
+        self._ahead, self._authority = team.dt, float(settings.authority)
         now = self._references([w.reference for w in windows])
         self._qpos, self._qvel = now[0], now[1]
         self._goal_qpos, self._goal_qvel, self._goal_qacc = (values[1:] for values in now)
@@ -212,7 +212,7 @@ class HcmcDriver:
         _fill_aim(
             self._M[at], self._B[at], self._qpos[k, at], self._qvel[k, at], self._goal_qpos[k, at],
             self._goal_qvel[k, at], self._goal_qacc[k, at], qacc, layout.qpos.start, layout.qvel.start,
-            self._least_authority[at], float(settings.authority), float(settings.gain), h, kp, kv, goal, expected,
+            self._least_authority[at], self._authority, float(settings.gain), h, kp, kv, goal, expected,
         )  # fmt: skip
         expected[:, layout.time] += h
         expected[:, layout.activation] = np.clip(2 * activation - self._before[at], 0.0, 1.0)

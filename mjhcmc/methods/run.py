@@ -278,6 +278,7 @@ def _start(method: Method, team: Team, i: int) -> State:
         windows = windows.without_plant()  # one each would fill the memory
     try:
         state, inputs = method.start(windows)
+        state = windows.plant.settled(state)
     except SimulationError as error:
         team.errors[i] = error
         return replace(windows.start, activation=np.zeros(windows.model.n_muscle))

@@ -84,8 +84,12 @@ class Windows:
         return np.asarray(np.sqrt((self.reference.qacc**2).mean(axis=0)))
 
     def reference_at(self, time: ArrayLike) -> Reference:
-        """The desired motion at one time or at several; after its end, at its end."""
-        return self.motion.sample(np.minimum(np.atleast_1d(time), self.motion.end))
+        """The desired motion at one time or at several; after its end it goes on with its last acceleration."""
+        time = np.atleast_1d(np.asarray(time, dtype=np.float64))
+        found = self.motion.sample(np.minimum(time, self.motion.end))
+        beyond = np.maximum(time - self.motion.end, 0.0)[:, None]
+        qpos = found.qpos + beyond * found.qvel + beyond**2 / 2 * found.qacc
+        return Reference(time, qpos, found.qvel + beyond * found.qacc, found.qacc)
 
     @property
     def count(self) -> int:
@@ -201,6 +205,7 @@ def prepare(
         plant,
         bench,
     )
+    windows.plant.check_motion(motion.name, reference.time, reference.qpos)
     _check_passive_stability(windows)
     return windows
 
