@@ -125,8 +125,8 @@ def test_muscles_too_stiff_for_the_step_are_solved_again_with_a_finer_one(leg8, 
 
 def test_mujocos_own_muscles_are_followed_by_either_way(leg8, swing):
     """HCMC on forces and HCMC on activations: other code, other linearization, the same muscles."""
-    ours = mjhcmc.hcmc(leg8, swing)
-    hosted = mjhcmc.hcmc(leg8, swing, plant=mjhcmc.HillPlant(leg8, "mujoco", "rigid"))
+    ours = mjhcmc.hcmc(leg8, swing, dt=0.005)
+    hosted = mjhcmc.hcmc(leg8, swing, dt=0.005, plant=mjhcmc.HillPlant(leg8, "mujoco", "rigid"))
     np.testing.assert_allclose(hosted.excitation, ours.excitation, atol=5e-3)
     np.testing.assert_allclose(hosted.net_joint_moment, ours.net_joint_moment, atol=2e-2)
     assert np.all(largest(hosted) < FIGURES["slow"])

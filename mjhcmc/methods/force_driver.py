@@ -32,8 +32,9 @@ _TINY = 1e-9  # rad/s^2
 class ForceDriver(HcmcDriver):
     """Takes a team of Hill plants through its windows.
 
-    Each begins with an allocation at its expected end, and a trial. Newton steps correct the trial until its end misses
-    no more than is tolerated; one that cannot be believed, or whose end misses more, is taken back. See `HcmcDriver`
+    Each begins with a trial: under what an allocation at the expected end gives where tendons are compliant, else under
+    the last window's inputs. Newton steps correct the trial until its end misses no more than is tolerated; with
+    compliant tendons one that cannot be believed, or whose end misses more, is taken back. See `HcmcDriver`
     for what is carried from window to window.
     """
 
@@ -61,9 +62,10 @@ class ForceDriver(HcmcDriver):
             self._look_around(ids, at, rows)
         kp, kv, goal, expected = self._aim(k, at, rows, rows[:, self._layout.activation])
         path = plants.path(ids, rows)
-        view = plants.view(ids, expected, team.reserve[at], stiffness=False)
         trial = rows, path, kp, kv
-        self._correct_by(k, ids, at, view, goal - view.around.qacc, trial, tried=False)
+        if plants.muscles.compliant:  # rigid muscles answer so fast that the last window's inputs are a better start
+            view = plants.view(ids, expected, team.reserve[at], stiffness=False)
+            self._correct_by(k, ids, at, view, goal - view.around.qacc, trial, tried=False)
         ends = plants.step(ids, rows, team.excitation[at], team.reserve[at], self._n_step)
         view = plants.view(ids, ends, team.reserve[at])
         missing = self._missing(k, at, (kp, kv), ends, view.around.qacc)
@@ -79,7 +81,7 @@ class ForceDriver(HcmcDriver):
             view = plants.view(who, anew, team.reserve[where])
             left = self._missing(k, where, (kp[whom], kv[whom]), anew, view.around.qacc)
             found = self._size(where, left)
-            worse = ~(sound & (found < size[whom]))
+            worse = ~(sound & (found < size[whom])) if plants.muscles.compliant else np.zeros(len(who), dtype=bool)
             if worse.any():
                 bad = who[worse]
                 team.excitation[bad], team.reserve[bad], team.shortfall[bad] = (part[worse] for part in kept)
