@@ -46,6 +46,8 @@ OPENSIM_DT = 0.01  # s, window of OpenSim's stored runs
 GAIN = 2.7  # the default
 PHYSICS_DT = 1e-3
 RK4_LIMIT = 2.785
+OFFSETS = (1.0, -1.0, 5.0, -5.0)  # deg
+BACK = 1.5
 ROUNDING = 1e-9
 
 Shown = tuple[mjhcmc.Solution, tuple[str, ...]]
@@ -87,6 +89,7 @@ def markdown() -> str:
             *(f"### Activation beside OpenSim's CMC, {m}\n\n" + activations(m) for m in MOVEMENTS),
             *(f"### MuJoCo's muscles and the Hill model, {m}\n\n" + difference(m) for m in MOVEMENTS),
             "### Look-ahead and gain, compliant tendons\n\n" + look_ahead(),
+            "### Starts off the movement, compliant tendons\n\n" + coming_back(),
         ]
     )
 
@@ -310,8 +313,8 @@ def difference(movement: str) -> str:
 def look_ahead() -> str:
     """Ankle and smoothness by look-ahead and by gain; the defaults in bold."""
     rows = [variant(name, share, GAIN) for name, share in (("T = dt", 1.0), ("T = 2 dt", 2.0))]
-    rows.insert(1, variant("**T = max(7 ms, 1.2 dt)**", None, GAIN))
-    rows += [variant("T = max(7 ms, 1.2 dt)", None, gain) for gain in (1.5, 2.0)]
+    rows.insert(1, variant("**T = max(10 ms, 1.2 dt)**", None, GAIN))
+    rows += [variant("T = max(10 ms, 1.2 dt)", None, gain) for gain in (1.5, 2.0)]
     header = ["look-ahead", "gain"]
     for movement in MOVEMENTS:
         for dt in WINDOWS:
@@ -341,6 +344,39 @@ def ahead(movement: str, dt: float, share: float | None, gain: float) -> mjhcmc.
         return solve(movement, dt, "compliant", gain=gain)[0] if gain != GAIN else solve(movement, dt, "compliant")[0]
     with patch.object(force_driver, "_LOOK_AHEAD", 0.0), patch.object(force_driver, "_WINDOWS_AHEAD", share):
         return solve.__wrapped__(movement, dt, "compliant")[0]
+
+
+def coming_back() -> str:
+    """Whether the leg comes back from starts off the movement, at all joints at once: errors of the last third."""
+    rows = []
+    for movement in MOVEMENTS:
+        for dt in WINDOWS:
+            cells = [f"{movement}, {1e3 * dt:g} ms"]
+            for reserves in (True, False):
+                found = [last_third(movement, dt, offset, reserves) for offset in OFFSETS]
+                nominal = largest(solve(movement, dt, "compliant")[0])
+                back = sum(bool((error <= BACK * nominal).all()) for error in found)
+                cells += [f"{back} of {len(found)}", joined(np.max(found, axis=0))]
+            rows.append(cells)
+    header = ["movement, dt"]
+    for what in ("with reserves", "without"):
+        header += [f"{what}: back", f"worst error of the last third {what}, hip/knee/ankle, deg"]
+    told = ", ".join(f"{offset:+g}" for offset in OFFSETS)
+    return grid(header, rows) + (
+        f"\n\nStarts: {told} deg at every joint. Back: at most {BACK:g} times the largest error of the movement that "
+        "starts on it."
+    )
+
+
+def last_third(movement: str, dt: float, offset: float, reserves: bool) -> NDArray[np.float64]:
+    """(3,) deg."""
+    model = leg()
+    solution = mjhcmc.hcmc(
+        model, mjhcmc.Motion.cosine(model, movement), dt=dt, initial_qpos=np.full(3, np.deg2rad(offset)),
+        reserves=reserves, plant=mjhcmc.HillPlant(model),
+    )  # fmt: skip
+    error = np.abs(solution.tracking_error[2 * len(solution.time) // 3 :])
+    return np.asarray(np.rad2deg(error.max(axis=0)))
 
 
 def figures(folder: Path) -> None:

@@ -27,6 +27,8 @@ def check_muscle(muscle: str, curves: str = "millard") -> None:
         raise SettingsError(f"muscle {muscle!r} is not known: choose one of {', '.join(MUSCLES)}")
     if curves not in HILL_CURVES:
         raise SettingsError(f"curves {curves!r} are not known: choose one of {', '.join(HILL_CURVES)}")
+    if muscle == "mujoco" and curves != HILL_CURVES[0]:
+        raise SettingsError(f"curves {curves!r} are of Hill muscles: choose muscle 'rigid' or 'compliant' with them")
 
 
 def plant_for(

@@ -54,8 +54,8 @@ class Reproduction:
     curves: str = "millard"
 
     def _opensim(self, solution: Solution) -> dict[str, Any]:
-        """Activation beside that of OpenSim's CMC, where its results were found."""
-        if self.opensim is None:
+        """Activation of Hill muscles beside that of OpenSim's CMC, where its results were found."""
+        if self.opensim is None or self.muscle == "mujoco":
             return {}
         found = agreement(solution.time, solution.activation, self.opensim.activity, CMC_FLOOR, INITIALISATION)
         correlation = {name: None if np.isnan(r) else r for name, (r, _) in found.items()}
@@ -69,8 +69,7 @@ class Reproduction:
             "dt": first.settings["dt"],
             "physics_dt": first.settings["physics_dt"],
             "bare_step_time_s": self.bare_step_time,
-            "muscle": self.muscle,
-            "curves": None if self.muscle == "mujoco" else self.curves,
+            **({} if self.muscle == "mujoco" else {"muscle": self.muscle, "curves": self.curves}),
             "methods": {
                 name: {**numbers(solution), "solve_time_s": self.solve_time[name], **self._opensim(solution)}
                 for name, solution in self.solutions.items()

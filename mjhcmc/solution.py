@@ -153,7 +153,7 @@ class Solution:
     @property
     def hosted(self) -> bool:
         """Whether Hill muscles drove the model (see `HillPlant`) in place of MuJoCo's."""
-        return self.muscles is not None or "muscles" in self.settings
+        return self.muscles is not None or "muscles" in self.settings or self.fiber_length is not None
 
     def state(self, k: int) -> State:
         """The state at node k."""

@@ -45,7 +45,7 @@ def largest(solution):
 
 
 @pytest.mark.parametrize("tendon", ["rigid", "compliant"])
-@pytest.mark.parametrize(("movement", "dt"), [("fast", 0.01), ("fast", 0.005), ("slow", 0.01), ("slow", 0.005)])
+@pytest.mark.parametrize(("movement", "dt"), [("fast", 0.01), ("fast", 0.005), ("slow", 0.01)])
 def test_tracking_figures(leg8, tendon, movement, dt):
     motion = mjhcmc.Motion.cosine(leg8, movement)
     solution = mjhcmc.hcmc(leg8, motion, dt=dt, plant=mjhcmc.HillPlant(leg8, tendon=tendon))
@@ -132,8 +132,25 @@ def test_mujocos_own_muscles_are_followed_by_either_way(leg8, swing):
     assert np.all(largest(hosted) < FIGURES["slow"])
 
 
+def test_a_muscle_is_engaged_gently_while_its_tendon_is_slack(leg8):
+    """Vasti slacken and tighten again here: asked for force at once, they would pull far too much afterwards."""
+    time = np.linspace(0.0, 1.0, 201)
+    angle = 20 * (1 - np.cos(2 * np.pi * time)) / 2
+    motion = mjhcmc.Motion(time, np.deg2rad(np.stack([angle, -2 * angle, -angle / 2], axis=1)))
+    solution = mjhcmc.hcmc(leg8, motion, plant=mjhcmc.HillPlant(leg8))
+    assert np.all(largest(solution) <= FIGURES["slow"])
+    assert np.abs(solution.reserve).max() < 1e-2
+    assert np.abs(np.diff(solution.excitation, axis=0)).max() < 0.1
+
+
+def test_a_plant_of_another_model_is_named(leg8, swing, two_joints):
+    with pytest.raises(mjhcmc.SettingsError, match="the plant is of model 'two_joints', with other joints"):
+        mjhcmc.hcmc(leg8, swing, plant=mjhcmc.MujocoPlant(two_joints))
+
+
 def test_compliant_muscles_keep_their_tone(compliant, leg8, fast):
     assert compliant.excitation.min() == pytest.approx(0.01)
+    assert compliant.activation.min() >= 0.01 - 1e-9
     quiet = mjhcmc.hcmc(leg8, fast, min_activation={"soleus": 0.1}, plant=mjhcmc.HillPlant(leg8))
     assert quiet.excitation[:, leg8.muscle_names.index("soleus")].min() == pytest.approx(0.1)
 
@@ -179,8 +196,11 @@ def test_saved_and_loaded(swung, leg8, tmp_path, suffix):
     path = swung.save(tmp_path / f"swing{suffix}")
     back = mjhcmc.Solution.load(path, leg8)
     np.testing.assert_allclose(back.fiber_length, swung.fiber_length, rtol=1e-12)
-    if suffix == ".csv":
-        return  # it holds no settings, so not which muscles
+    assert back.hosted
+    if suffix == ".csv":  # it holds no settings, so not which muscles
+        with pytest.raises(mjhcmc.SimulationError, match="Hill muscles that its file does not hold"):
+            mjhcmc.replay(back)
+        return
     assert back.settings["muscles"] == {"tendon": "compliant", "curves": "millard", "named": True}
     assert back.hosted
     assert mjhcmc.Solution.load(path).hosted
@@ -209,8 +229,8 @@ def test_replay_windows_are_the_windows(swung):
 
 
 def test_many_at_once_are_each_alone(leg8, swing, fast):
-    batch = mjhcmc.hcmc_batch(leg8, [swing, fast, swing], dt=0.02, muscle="compliant", threads=2)
-    for motion, found in zip([swing, fast, swing], batch, strict=True):
+    batch = mjhcmc.hcmc_batch(leg8, [swing, fast], dt=0.02, muscle="compliant", threads=2)
+    for motion, found in zip([swing, fast], batch, strict=True):
         alone = mjhcmc.hcmc(leg8, motion, dt=0.02, plant=mjhcmc.HillPlant(leg8))
         for name in ("excitation", "qpos", "fiber_length", "reserve", "muscle_force"):
             np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
@@ -243,12 +263,12 @@ def test_costs_and_solvers_on_hill_muscles(leg8, swing):
     plain = mjhcmc.hcmc(leg8, swing, dt=0.02, plant=mjhcmc.HillPlant(leg8))
     daqp = mjhcmc.hcmc(leg8, swing, dt=0.02, solver="daqp", plant=mjhcmc.HillPlant(leg8))
     np.testing.assert_allclose(daqp.excitation, plain.excitation, atol=1e-3)
-    for cost in ("cubic", "stress", "capacity", "volume"):
+    for cost in ("cubic", "capacity"):
         other = mjhcmc.hcmc(leg8, swing, dt=0.02, cost=cost, plant=mjhcmc.HillPlant(leg8))
         assert other.verdict.passed
         assert np.abs(other.excitation - plain.excitation).max() > 1e-2  # it does choose otherwise
     off = mjhcmc.hcmc(leg8, swing, dt=0.02, disabled=["rect_fem"], plant=mjhcmc.HillPlant(leg8))
-    assert off.excitation[:, leg8.muscle_names.index("rect_fem")].max() <= 0.01
+    assert off.excitation[:, leg8.muscle_names.index("rect_fem")].max() == 0.01  # its tone
     assert off.verdict.passed
 
 
@@ -304,6 +324,7 @@ def test_reproduce_on_hill_muscles(run):
     [
         (("--muscle", "elastic"), "muscle 'elastic' is not known: choose one of mujoco, rigid, compliant"),
         (("--curves", "hill"), "curves 'hill' are not known: choose one of millard, thelen, degroote-fregly"),
+        (("--curves", "thelen"), "curves 'thelen' are of Hill muscles: choose muscle 'rigid' or 'compliant'"),
         (("--muscle", "rigid", "--dt", "-1"), "dt must be a positive number"),
     ],
 )

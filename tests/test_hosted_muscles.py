@@ -422,7 +422,7 @@ def test_no_equilibrium_is_named():
     muscles = hill.MuscleParameters([1000.0, 900.0], 0.1, 0.2, names=("soleus", "gastroc"))
     hosts = HostedMuscles(hill.HillModel(muscles, MILLARD), "compliant")
     with pytest.raises(
-        SimulationError, match=r"cannot be put into equilibrium: gastroc.*musculotendon_length is 0\.15"
+        SimulationError, match=r"cannot be put into equilibrium at the start: gastroc.*musculotendon_length is 0\.15"
     ):
         hosts.equilibrium(np.full(2, 0.5), np.array([0.3, 0.15]), np.zeros(2))
 

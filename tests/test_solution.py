@@ -17,7 +17,11 @@ from mjhcmc.solution import moment_scale
 MUSCLES = ("iliopsoas", "glut_max", "rect_fem", "hamstrings", "vasti", "gastroc", "soleus", "tib_ant")
 JOINTS = ("hip", "knee", "ankle")
 SUFFIXES = (".parquet", ".csv", ".sto", ".nc")
-ARRAYS = [item.name for item in dataclasses.fields(mjhcmc.Solution) if item.type.startswith("NDArray")]
+ARRAYS = [
+    item.name
+    for item in dataclasses.fields(mjhcmc.Solution)
+    if item.type.startswith("NDArray") and not item.type.endswith("None")
+]
 
 
 @pytest.fixture(scope="module")

@@ -106,7 +106,7 @@ _FAMILIES: dict[type, tuple[int, Callable[[Any], tuple[float, ...]]]] = {
 
 @numba.njit(cache=True, error_model="numpy")
 def _bezier(c, which, x):  # type: ignore[no-untyped-def]
-    """Value at x of the curve which (np.int64, so that one version is compiled); beyond its segments a straight line."""
+    """Value at x of a curve; which is an np.int64, so that one version is compiled. Beyond its segments a line."""
     n, corners = c.segments[which], c.corners[which]
     if not x >= corners[0, 0]:
         return corners[0, 1] + corners[0, 2] * (x - corners[0, 0])  # NaN stays NaN

@@ -130,7 +130,9 @@ class HostedMuscles:
                 found[i] = hill.static_equilibrium(self._alone(int(i)), activation[i], length[i]).fiber_length
             except hill.HillError as error:
                 if not lenient:
-                    raise SimulationError(f"the fibers cannot be put into equilibrium: {error}") from error
+                    raise SimulationError(
+                        f"the fibers cannot be put into equilibrium at the start: {error}, or start at another pose"
+                    ) from error
                 width = self.parameters[i, 3]
                 shortest = self.hill.curves.shortest_fiber * self.parameters[i, 1]
                 found[i] = max(shortest, width * (1 + 1e-6))
@@ -158,7 +160,7 @@ class HostedMuscles:
         """
         activation = np.empty_like(force)
         steady_activations(self.curves, self.parameters, self.kind, force, length, velocity, activation)
-        return activation
+        return np.maximum(activation, LEAST_EXCITATION) if self.compliant else activation
 
     def shares(self, state: State, length: Array, velocity: Array) -> tuple[Array, Array]:
         """(n_muscle,) N each: the part of the tendon forces that the active fibers give, and the rest.
@@ -251,4 +253,4 @@ def bodies_of(model: MuscleModel, muscles: HostedMuscles) -> MuscleModel:
         own = model.own_tendons[model.own_tendons >= 0]
         m.tendon_damping[own] = 0.0
         m.tendon_dampingpoly[own] = 0.0
-    return replace(model, mj_model=m)
+    return replace(model, mj_model=m, excitation_range=muscles.excitation_range(model))

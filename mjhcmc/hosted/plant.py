@@ -14,7 +14,7 @@ from mjhcmc import hill
 from mjhcmc.dynamics import moment_arms
 from mjhcmc.errors import MotionError, SettingsError
 from mjhcmc.hosted.lockstep import HillLockstep
-from mjhcmc.hosted.muscles import HostedMuscles, bodies_of, hosted_muscles
+from mjhcmc.hosted.muscles import LEAST_EXCITATION, HostedMuscles, bodies_of, hosted_muscles
 from mjhcmc.hosted.stages import muscles_at
 from mjhcmc.hosted.window import excite, reach
 from mjhcmc.model import MuscleModel
@@ -95,7 +95,7 @@ class HillPlant(MujocoPlant):
                 raise MotionError(
                     f"motion {name!r}: at {t:.4g} s the path of {self.model.muscle_names[i]!r} is "
                     f"{d.actuator_length[self._rows][i]:.4g} m long and its tendon {slack[i]:.4g} m, which leaves the "
-                    "fiber nothing: take tendon 'compliant', or correct the muscle"
+                    "fiber nothing: shorten the tendon, or correct the pose"
                 )
 
     @cached_property
@@ -156,8 +156,8 @@ class HillPlant(MujocoPlant):
 
     def steady_gain_and_bias(self) -> tuple[Array, Array]:
         """See `MujocoPlant`."""
-        n = self.model.n_muscle
-        rest, full = (self.hosted.steady_force(np.full(n, a), *self._now()) for a in (0.0, 1.0))
+        n, least = self.model.n_muscle, LEAST_EXCITATION if self.hosted.compliant else 0.0
+        rest, full = (self.hosted.steady_force(np.full(n, a), *self._now()) for a in (least, 1.0))
         return full - rest, rest
 
     def steady_activation(self, effective: Array) -> Array:

@@ -14,6 +14,8 @@ _CHANGE = 1e-3  # of excitation: well above rounding, well below what matters
 _ITERATIONS = 60
 _QUICK = 8  # secant steps from the last two points, before it is the bracket's ends
 _LEAST_REACH = 1e-4  # of F0: below, no excitation is worth it
+_SLACK = 0.003  # of F0
+_GENTLE = 0.2
 _LEAST_CHANGE = 1e-9  # of F0: below, excitation does not move the force
 
 
@@ -47,6 +49,17 @@ def _force_after(c, p, kind, prm, a, l, u, ends, h, n, forces):  # type: ignore[
 def _force(c, p, kind, a, l, ends, share, T):  # type: ignore[no-untyped-def]  # noqa: E741
     L, V = _path(ends, share, T)
     return compliant_force(c, p, l, L) if kind == COMPLIANT else rigid_force(c, p, a, L, V)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _highest(c, p, kind, l, L, low, high):  # type: ignore[no-untyped-def]  # noqa: E741
+    """Highest excitation that a window may ask for: little where the tendon is slack at its start.
+
+    Force shows late there. What would bring a little of it within the window brings far too much after it.
+    """
+    if kind == COMPLIANT and compliant_force(c, p, l, L) < _SLACK * p[0]:
+        return max(low, min(high, _GENTLE))
+    return high
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -99,8 +112,10 @@ def reach(  # type: ignore[no-untyped-def]
             shift[s, i] = force[s, i] - alone if tried else 0.0
             forces[s, i, 2], forces[s, i, 3] = alone, (moved - alone) / (near - u[s, i])
             x[s, i] = (force[s, i] - bias[s, i]) / gain[s, i]
-            for side in range(2):
-                forces[s, i, side] = _force_after(curves, m, kind, dyn, a, l, limits[s, i, side], ends, h, n_step, none)
+            least, most = limits[s, i]
+            most = _highest(curves, m, kind, l, ends[0], least, most)
+            forces[s, i, 0] = _force_after(curves, m, kind, dyn, a, l, least, ends, h, n_step, none)
+            forces[s, i, 1] = _force_after(curves, m, kind, dyn, a, l, most, ends, h, n_step, none)
             low[s, i] = (forces[s, i, 0] + shift[s, i] - bias[s, i]) / gain[s, i]
             high[s, i] = max((forces[s, i, 1] + shift[s, i] - bias[s, i]) / gain[s, i], low[s, i])
 
@@ -119,6 +134,8 @@ def excite(  # type: ignore[no-untyped-def]
         for i in range(goal.shape[1]):
             m, target = p[s, i], goal[s, i]
             low, high = limits[s, i]
+            l = fiber[s, i] if kind == COMPLIANT else 0.0  # noqa: E741
+            high = _highest(curves, m, kind, l, start[s, i, 0], low, high)
             f_low, f_high = forces[s, i, 0] - target, forces[s, i, 1] - target
             if not (f_low < 0.0 and f_high - f_low > _LEAST_REACH * m[0]):  # a slack tendon tells nothing of activation
                 u[s, i] = low if f_high >= f_low else np.nan
@@ -127,7 +144,6 @@ def excite(  # type: ignore[no-untyped-def]
                 u[s, i] = high if f_high <= 0.0 else np.nan
                 continue
             ends[0], ends[1], ends[2], ends[3] = start[s, i, 0], start[s, i, 1], end[s, i, 0], end[s, i, 1]
-            l = fiber[s, i] if kind == COMPLIANT else 0.0  # noqa: E741
             last_u, last_f, slope = tried[s, i], forces[s, i, 2] - target, forces[s, i, 3]
             guess, side = last_u, 0
             if abs(last_f) > close * m[0]:

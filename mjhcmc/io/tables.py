@@ -28,6 +28,7 @@ SUFFIXES = (".parquet", ".csv", ".sto", ".nc")
 _log = get_logger(__name__)
 
 _EXTERNAL = "external"  # prefix of columns that are there only where a load acted from outside
+_HOSTED = "hill_muscles"  # a column of ones where Hill muscles drove the model: a .csv has no other place for it
 _FIBER = "fiber"  # prefix of columns that are there only of Hill muscles with compliant tendons
 _META = "mjhcmc"  # key of the metadata in a file
 
@@ -95,6 +96,8 @@ def _table(solution: Solution) -> dict[str, NDArray[np.float64]]:
         data.update({f"{prefix}/{name}": values[:, i] for i, name in enumerate(names)})
     if solution.external_load.any():
         data.update({f"{_EXTERNAL}/{name}": solution.external_load[:, i] for i, name in enumerate(solution.dof_names)})
+    if solution.hosted:
+        data[_HOSTED] = np.ones(len(solution.time))
     if solution.fiber_length is not None:
         data.update({f"{_FIBER}/{name}": solution.fiber_length[:, i] for i, name in enumerate(solution.muscle_names)})
     data["status"] = np.append(solution.status.astype(np.float64), np.nan)
@@ -274,6 +277,9 @@ def _from_columns(columns: dict[str, NDArray[np.float64]], meta: dict[str, Any])
     dofs = tuple(labels["moment"])
     if any(column.startswith(f"{_EXTERNAL}/") for column in columns):
         arrays["external_load"] = np.column_stack([columns[f"{_EXTERNAL}/{dof}"] for dof in dofs])
+    if _HOSTED in columns and "settings" not in meta:
+        dt = float(columns["time"][-1] - columns["time"][0]) / max(1, len(columns["time"]) - 1)
+        meta = {**meta, "settings": {"dt": dt, "muscles": {"named": False}}}
     muscles = tuple(labels["activation"])
     if any(column.startswith(f"{_FIBER}/") for column in columns):
         arrays["fiber_length"] = np.column_stack([columns[f"{_FIBER}/{muscle}"] for muscle in muscles])

@@ -137,7 +137,8 @@ def correct_forces(
         excitation[i], shortfall[i] = 0.0, 0.0
     T = np.diagonal(answers[:, :, n:], axis1=1, axis2=2)
     sound = np.asarray((T > _LEAST_ANSWER).all(axis=1)) if reserves else np.ones(b, dtype=bool)
-    return Correction(sharing.excitation(excitation), shortfall, errors, rate), sound
+    excitation = np.where(sharing.disabled, limits[:, :, 0], excitation)  # with compliant tendons they keep their tone
+    return Correction(excitation, shortfall, errors, rate), sound
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

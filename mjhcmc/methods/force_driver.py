@@ -53,7 +53,8 @@ class ForceDriver(HcmcDriver):
             self._goal_qpos, self._goal_qvel, self._goal_qacc = goals
         limits = plants.excitation_range
         least = np.minimum(self._sharing.min_activation, limits[:, :, 1])
-        self._limits = np.stack([np.maximum(limits[:, :, 0], least), limits[:, :, 1]], axis=-1)
+        low = np.where(self._sharing.disabled, limits[:, :, 0], np.maximum(limits[:, :, 0], least))
+        self._limits = np.stack([low, limits[:, :, 1]], axis=-1)
 
     def window(self, k: int, ids: Ids, rows: Array) -> Array:
         """See `run.Driver` and the module's docstring."""

@@ -84,8 +84,8 @@ def hcmc_batch(
         tolerance: as `hcmc`.
         gain: as `hcmc`.
         authority: as `hcmc`.
-        muscle: what drives the models: ``"mujoco"``, their own muscles; ``"rigid"`` or ``"compliant"``, Hill muscles that
-            follow from them, with such tendons (see `HillPlant`).
+        muscle: what drives the models: ``"mujoco"``, their own muscles; ``"rigid"`` or ``"compliant"``, Hill muscles
+            that follow from them, with such tendons (see `HillPlant`).
         curves: of Hill muscles: ``"millard"``, ``"thelen"`` or ``"degroote-fregly"``.
         progress: called with (windows solved, windows of the longest motion); anew where some are solved again.
 

@@ -302,7 +302,10 @@ def static_start(windows: Windows, *, reserves: bool) -> tuple[State, Inputs]:
     low, high = model.excitation_range.T
     price = reserve_price(dynamics.mass_matrix(plant), reserves=reserves)
     found = sharing.allocate(sharing.problem(moments, Q, low, high, price, None))
-    state = start if given else replace(start, activation=plant.steady_activation(found.activation))
+    activation = plant.steady_activation(found.activation)
+    if plant.hosted is not None:
+        activation = np.maximum(activation, np.where(sharing.disabled, 0.0, np.minimum(sharing.min_activation, high)))
+    state = start if given else replace(start, activation=activation)
     inputs = Inputs(
         excitation=sharing.excitation(np.clip(state.activation, low, high)),
         reserve=found.reserve if reserves else np.zeros(model.nv),

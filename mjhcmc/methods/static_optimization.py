@@ -117,7 +117,10 @@ def _plan(windows: Windows, *, reserves: bool) -> _Plan:
         price = reserve_price(dynamics.mass_matrix(plant), reserves=reserves)
         before = found[-1].activation if found else None
         found.append(sharing.allocate(sharing.problem(moments, Q, low, high, price, before)))
-        activation.append(plant.steady_activation(found[-1].activation))
+        settled = plant.steady_activation(found[-1].activation)
+        if plant.hosted is not None:
+            settled = np.maximum(settled, np.where(sharing.disabled, 0.0, np.minimum(sharing.min_activation, high)))
+        activation.append(settled)
         B.append(moments.B)
     return _Plan(np.array(activation), np.array([f.reserve for f in found]), np.array(B))
 

@@ -164,6 +164,13 @@ def prepare(
     _check_range(motion, model, reference.time, reference.qpos, f"motion {motion.name!r}")
     n_step = physics_steps(dt, physics_dt)
     step, external = dt / n_step, None
+    if plant is not None and (plant.model.joint_names, plant.model.muscle_names) != (
+        model.joint_names, model.muscle_names
+    ):  # fmt: skip
+        raise SettingsError(
+            f"the plant is of model {plant.model.name!r}, with other joints or muscles than {model.name!r}: build it "
+            "of the model that is solved"
+        )
     if plant is None:
         pass
     elif joint_moments is not None and plant.hosted is None:
