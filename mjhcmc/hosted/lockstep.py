@@ -34,6 +34,7 @@ _AT_NODES = (
     *_STAGED, "qfrc_passive", "qfrc_actuator", "qfrc_bias", "qfrc_constraint", "actuator_force", "ten_velocity",
 )  # fmt: skip
 _NODES_AT_ONCE = 1024
+_WORTH_THREADS = 192  # simulations: for fewer, a stage's own work is done before another thread wakes
 _VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 
@@ -168,7 +169,7 @@ class HillLockstep(Lockstep):
                     self.muscles.kind, curves, whole.p, prm, u, found.qacc, bound.actuator_length, bound.muscles, start,
                     now, total, batch.state,
                 )  # fmt: skip
-                in_chunks(partial(_stage, parts), b, self._threads)
+                in_chunks(partial(_stage, parts), b, self._threads if b >= _WORTH_THREADS else 1)
         return without(failed, ids, now)
 
     def acceleration(self, ids: Ids, rows: Array, reserve: Array) -> Array:
@@ -260,7 +261,7 @@ class HillLockstep(Lockstep):
             call.at, self.muscles.kind, self.muscles.curves, call.p, activation, fiber, bound.actuator_length,
             bound.actuator_velocity, *bound.moment, bound.muscles, force, tau,
         )  # fmt: skip
-        in_chunks(lambda first, last: pull(first, last, *pulled), b, self._threads)
+        in_chunks(lambda first, last: pull(first, last, *pulled), b, self._threads if b >= _WORTH_THREADS else 1)
         if bound.nefc.any():
             held = bound.nefc[call.at] > 0
             again = call.at[held]
@@ -269,7 +270,7 @@ class HillLockstep(Lockstep):
             batch.state[again] = state
             self._forward(batch, again, failed)
         moved = call.at, tau, bound.M, *bound.M_index, bound.nefc, bound.qacc, qacc
-        in_chunks(lambda first, last: accelerate(first, last, *moved), b, self._threads)
+        in_chunks(lambda first, last: accelerate(first, last, *moved), b, self._threads if b >= _WORTH_THREADS else 1)
         return Pull(force, tau, qacc)
 
     def _forward(self, batch: Batch, ids: Ids | None, failed: set[int]) -> None:
