@@ -196,9 +196,8 @@ class NodeForces:
 
 def node_forces(plant: MujocoPlant) -> NodeForces:
     """Muscle forces and the moments at the joints, at the plant's last `forward`."""
-    inertial, R = np.empty(plant.mj_model.nv), moment_arms(plant)
-    mujoco.mj_mulM(plant.mj_model, plant.mj_data, inertial, plant.mj_data.qacc)
-    found = forces_from(plant.model, plant.mj_data, R, inertial, plant.external_load())
+    R = moment_arms(plant)
+    found = forces_from(plant.model, plant.mj_data, R, plant.inertial_force(), plant.external_load())
     return found if plant.hosted is None else with_hosted(found, plant.model, plant.muscle_force(), R)
 
 
@@ -229,6 +228,28 @@ def forces_from(
     force = muscle + damping
     net = inertial + data.qfrc_bias - passive - data.qfrc_constraint - others - external_load
     return NodeForces(force * model.path_gear, moment(force), net, external_load)
+
+
+def tied(nodes: NodeForces, N: NDArray[np.float64]) -> NodeForces:
+    """The same seen from the independent degrees of freedom; nothing is left at dependent ones.
+
+    What acts on a dependent degree of freedom acts on those that move it: N^T f, as generalized forces of coordinates
+    that the equalities are solved for.
+
+    Args:
+        nodes: of k nodes.
+        N: (k, nv, nv) tangents of the equalities, see `coupling.Coupling`.
+    """
+
+    def seen(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.einsum("kij,ki->kj", N, values))
+
+    return replace(
+        nodes,
+        muscle_moment=seen(nodes.muscle_moment),
+        net_joint_moment=seen(nodes.net_joint_moment),
+        external_load=seen(nodes.external_load),
+    )
 
 
 def with_hosted(

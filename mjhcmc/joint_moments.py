@@ -27,7 +27,8 @@ from mjhcmc.errors import MjhcmcWarning, MotionError
 from mjhcmc.joints import TIME_TOLERANCE
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
-from mjhcmc.plant import External, MujocoPlant, State
+from mjhcmc.plant import MujocoPlant, State
+from mjhcmc.surroundings import External
 
 Array = NDArray[np.float64]
 

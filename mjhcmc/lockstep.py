@@ -16,6 +16,7 @@ from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, NamedTuple, Protocol
 
+import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
@@ -23,18 +24,20 @@ from numpy.typing import NDArray
 from mjhcmc.dynamics import POSITION_STEP, VELOCITY_STEP, NodeForces, fiber_damping, forces_from
 from mjhcmc.lockstep_kernels import fill_nodes, put_around, read_around, read_slopes
 from mjhcmc.model import MuscleModel
-from mjhcmc.plant import External, State
+from mjhcmc.plant import State
+from mjhcmc.surroundings import HEAVY, Columns, Kinematics, Outside, Surroundings, heavy
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.intp]
 Index = NDArray[np.intp] | slice
 
 _MOMENTS = ("actuator_moment", "moment_rownnz", "moment_rowadr", "moment_colind")
-_PROBED = ("qacc", "M", "qfrc_smooth", "actuator_force", "actuator_velocity", "ten_velocity")
+_PROBED = ("qacc", "M", "nefc", "ne", "qfrc_smooth", "actuator_force", "actuator_velocity", "ten_velocity")
 _AT_NODES = (
     "qacc", "M", "qfrc_passive", "qfrc_actuator", "qfrc_bias", "qfrc_constraint", "actuator_force", "actuator_velocity",
-    "ten_velocity",
+    "ten_velocity", "qfrc_smooth", "qfrc_applied",
 )  # fmt: skip
+_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NODES_AT_ONCE = 1024  # bounds the memory of the pass over a long record
 
 
@@ -75,6 +78,7 @@ class Linearization(NamedTuple):
         bias: (b, n_muscle) N, its force at zero activation; with fiber damping where asked for.
         D: (b, nv, nv) N m s, -dF/dv of all smooth forces at fixed activation.
         K: (b, nv, nv) N m, -dF/dq likewise; None where it was not asked for.
+        n_constraint: (b,) rows of constraints that may be active (limits, contacts, friction), without equalities.
     """
 
     qacc: Array
@@ -84,6 +88,7 @@ class Linearization(NamedTuple):
     bias: Array
     D: Array
     K: Array | None
+    n_constraint: NDArray[np.int32]
 
     def of(self, which: NDArray[np.bool_]) -> Linearization:
         """That of some of the simulations."""
@@ -130,21 +135,22 @@ class Lockstep:
     Args:
         models: one a simulation, alike in all but numbers.
         physics_dt: s, length of a physics step.
-        externals: loads from outside, one a simulation; held over each physics step at their value in its middle.
+        surroundings: what acts from outside and what leads them, one a simulation; forces are held over each physics
+            step at their value in its middle.
         threads: threads to step on, the caller's among them.
     """
 
     _probed: tuple[str, ...] = _PROBED
 
     def __init__(
-        self, models: Sequence[MuscleModel], physics_dt: float, externals: Sequence[External | None], threads: int = 1
+        self, models: Sequence[MuscleModel], physics_dt: float, surroundings: Sequence[Surroundings], threads: int = 1
     ) -> None:
         self.count, self.physics_dt = len(models), physics_dt
-        self._models, self._externals, self._threads = models, externals, threads
+        self._models, self._surroundings, self._threads = models, surroundings, threads
         self._differ = any(model is not models[0] for model in models)
         self._nodes: tuple[Batch, Bound] | None = None
-        self._loaded = any(external is not None for external in externals)
         self._faults: dict[int, str] = {}
+        self._kinematics: dict[int, Kinematics] = {}
         self._batches = {1.0: self._batch(1.0)}
         first, batch = models[0], self._batches[1.0]
         self._qacc = batch.bind("qacc")
@@ -158,12 +164,20 @@ class Lockstep:
         )
         self._ctrl = _as_slice(_columns(batch, "ctrl").start + first.ctrl_index)
         self._applied = _columns(batch, "qfrc_applied")
+        self._outside: Outside | None = None
+        if not all(s.empty for s in surroundings):
+            self._outside = Outside(models, surroundings, self._state_columns())
+
+    def _state_columns(self) -> Columns:
+        at = self.layout
+        on_bodies = _columns(self._batches[1.0], "xfrc_applied").start
+        return Columns(at.time, at.qpos.start, at.qvel.start, self._applied.start, on_bodies)
 
     def _batch(self, times: float, copies: int = 1) -> Batch:
         """The simulations, each so many times over, with a step of so many times physics_dt."""
 
         def stepped(model: MuscleModel) -> Any:
-            m = copy.copy(model.mj_model)
+            m = heavy(copy.copy(model.mj_model), self._heavy)
             m.opt.timestep = times * self.physics_dt
             return m
 
@@ -172,7 +186,19 @@ class Lockstep:
         if self._differ:
             own = [stepped(model) for model in self._models]
             batch.set_models([m for m in own for _ in range(copies)])
+        return self._watched(batch)
+
+    def _watched(self, batch: Batch) -> Batch:
+        """The batch, with the kinematics that loads need kept up to date: what is bound late is filled late."""
+        if any(s.loads is not None for s in self._surroundings):
+            self._kinematics[id(batch)] = Kinematics(*(batch.bind(name) for name in Kinematics._fields))
         return batch
+
+    @property
+    def _heavy(self) -> Ids:
+        """The degrees of freedom that are led along a motion."""
+        led = any(s.path is not None for s in self._surroundings)
+        return self._models[0].roles.prescribed if led else np.empty(0, dtype=np.intp)
 
     @cached_property
     def _probe(self) -> tuple[Batch, Bound]:
@@ -192,38 +218,49 @@ class Lockstep:
     def step(self, ids: Ids, rows: Array, excitation: Array, reserve: Array, n_step: int, times: float = 1.0) -> Array:
         """See `Plants`."""
         batch = self._batches.get(times) or self._batches.setdefault(times, self._batch(times))
-        where = self._where(ids)
+        where, outside = self._where(ids), self._outside
         start = rows.copy()
         start[:, self._ctrl] = excitation
         start[:, self._applied] = reserve
         batch.state[where] = start
-        if self._loaded:
-            failed: set[int] = set()
-            middles = times * self.physics_dt * (np.arange(n_step) + 0.5)
-            load = np.stack([self._load(i, row[self.layout.time] + middles) for i, row in zip(ids, rows, strict=True)])
-            for j in range(n_step):
-                start = batch.state[where].copy()
-                start[:, self._applied] = reserve + load[:, j]
-                batch.state[where] = start
-                failed |= self._call(batch, batch.step, ids)
-        else:
+        if outside is None:
             failed = self._call(batch, batch.step, ids, n_step)
-        return without(failed, ids, batch.state[where].copy())
+            return without(failed, ids, batch.state[where].copy())
+        failed = set[int]()
+        h = times * self.physics_dt
+        plan = outside.plan(ids, rows[:, self.layout.time], h, n_step)
+        for j in range(n_step):
+            outside.lead(start, plan, j)
+            start[:, self._applied] = reserve + plan.force[:, j]
+            if outside.on_bodies:
+                if j == 0:
+                    batch.state[where] = start
+                    failed |= self._call(batch, batch.forward, ids, _VELOCITIES)
+                # after a step MuJoCo's kinematics are those of its last stage, within O(h^3) of where it ended
+                outside.push(ids, ids, start, plan, j, h / 2, self._seen(batch))
+            batch.state[where] = start
+            failed |= self._call(batch, batch.step, ids)
+            start = batch.state[where].copy()
+        outside.lead(start, plan, n_step)
+        return without(failed, ids, start)
 
     def acceleration(self, ids: Ids, rows: Array, reserve: Array) -> Array:
         """See `Plants`."""
         batch, where = self._batches[1.0], self._where(ids)
-        batch.state[where] = self._under(ids, rows, reserve)
-        failed = self._call(batch, batch.forward, ids)
+        under, failed = self._under(ids, rows, reserve)
+        batch.state[where] = under
+        failed |= self._call(batch, batch.forward, ids)
         return without(failed, ids, self._qacc[where].copy())
 
     def linearize(
         self, ids: Ids, rows: Array, reserve: Array, *, stiffness: bool = False, damping: bool = False
     ) -> Linearization:
         """See `Plants`."""
-        start = self._under(ids, rows, reserve)
+        start, failed = self._under(ids, rows, reserve)
         b, nv, n = len(ids), self._models[0].nv, self._models[0].n_muscle
-        failed, bound, probe = self._look(ids, start, self.layout.qvel.start, VELOCITY_STEP)
+        lost, bound, probe = self._look(ids, start, self.layout.qvel.start, VELOCITY_STEP)
+        failed |= lost
+        n_constraint = bound.nefc[(2 + nv) * ids] - bound.ne[(2 + nv) * ids]
         qacc, gain, bias = np.empty((b, nv)), np.empty((b, n)), np.empty((b, n))
         M, B, D = np.empty((b, nv, nv)), np.empty((b, nv, n)), np.empty((b, nv, nv))
         read_around(
@@ -237,7 +274,7 @@ class Lockstep:
             failed |= self._look(ids, start, self.layout.qpos.start, POSITION_STEP)[0]
             K = np.empty((b, nv, nv))
             read_slopes(ids, POSITION_STEP, bound.qfrc_smooth, K)
-        return Linearization(without(failed, ids, qacc), M, B, gain, bias, D, K)
+        return Linearization(without(failed, ids, qacc), M, B, gain, bias, D, K, n_constraint)
 
     def _look(self, ids: Ids, start: Array, first: int, step: float) -> tuple[set[int], Bound, Array]:
         """Look around states; returns what failed, the derived quantities and the rows that they belong to."""
@@ -258,20 +295,43 @@ class Lockstep:
             halves = np.array_split(np.arange(len(rows)), 2)
             parts = [self.nodes(i, rows[half], reserve[half]) for half in halves]
             return NodeForces(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(NodeForces)))
-        load = self._load(i, rows[:, self.layout.time])
-        model = self._models[i]
-        if self._nodes is None or self._nodes[0].nsim != len(rows):
-            batch = Batch(model.mj_model, len(rows), self._threads)
+        model, k = self._models[i], len(rows)
+        if self._nodes is None or self._nodes[0].nsim != k:
+            batch = self._watched(Batch(heavy(copy.copy(model.mj_model), self._heavy), k, self._threads))
             self._nodes = batch, Bound(batch, model, _AT_NODES)
         batch, bound = self._nodes
         if self._differ:
-            batch.set_models(model.mj_model)
-        batch.state[:] = rows
-        batch.state[:, self._applied] = reserve + load
+            batch.set_models(heavy(copy.copy(model.mj_model), self._heavy))
+        start, load = self._surround_nodes(i, batch, rows, reserve)
+        batch.state[:] = start
         batch.forward()
-        M, R = np.empty((len(rows), model.nv, model.nv)), np.empty((len(rows), model.n_muscle, model.nv))
+        M, R = np.empty((k, model.nv, model.nv)), np.empty((k, model.n_muscle, model.nv))
         fill_nodes(bound.M, *bound.M_index, *bound.moment, bound.muscles, M, R)
-        return forces_from(model, bound, R, (M @ bound.qacc[:, :, None])[:, :, 0], load)
+        inertial = (M @ bound.qacc[:, :, None])[:, :, 0]
+        inertial[:, self._heavy] -= HEAVY * bound.qacc[:, self._heavy]
+        return forces_from(model, bound, R, inertial, load + self._on_bodies(bound))
+
+    def _surround_nodes(self, i: int, batch: Batch, rows: Array, reserve: Array) -> tuple[Array, Array]:
+        """Several states of simulation i as rows with all that acts; and generalized forces from outside (k, nv)."""
+        start, load = rows.copy(), np.zeros((len(rows), self._models[i].nv))
+        start[:, self._applied] = reserve
+        if self._outside is not None:
+            which = np.full(len(rows), i)
+            plan = self._outside.plan(which, rows[:, self.layout.time], 0.0, 1)
+            load = plan.external[:, 0]
+            start[:, self._applied] += plan.force[:, 0]
+            if self._outside.on_bodies:
+                batch.state[:] = start[:, : batch.state.shape[1]]
+                batch.forward(None, _VELOCITIES)
+                self._outside.push(which, np.arange(len(rows)), start, plan, 0, 0.0, self._seen(batch))
+        return start, load
+
+    def _on_bodies(self, bound: Bound) -> Array | float:
+        """(k, nv) what forces on bodies do at the joints: what the sum of all smooth forces holds beside the others."""
+        if self._outside is None or not self._outside.on_bodies:
+            return 0.0
+        others = bound.qfrc_passive - bound.qfrc_bias + bound.qfrc_actuator + bound.qfrc_applied
+        return bound.qfrc_smooth - others
 
     def fault(self, i: int) -> str:
         """See `Plants`."""
@@ -289,19 +349,24 @@ class Lockstep:
             return {int(i) for i in error.ids}
         return set()
 
-    def _under(self, ids: Ids, rows: Array, reserve: Array) -> Array:
-        """The rows with reserves and loads from outside applied."""
-        start = rows.copy()
+    def _under(self, ids: Ids, rows: Array, reserve: Array) -> tuple[Array, set[int]]:
+        """The rows with reserves, and what acts from outside at their times; and the simulations that fail there."""
+        start, failed = rows.copy(), set[int]()
         start[:, self._applied] = reserve
-        if self._loaded:
-            times = rows[:, [self.layout.time]]
-            start[:, self._applied] += np.concatenate([self._load(i, t) for i, t in zip(ids, times, strict=True)])
-        return start
+        if self._outside is not None:
+            plan = self._outside.plan(ids, rows[:, self.layout.time], 0.0, 1)
+            self._outside.lead(start, plan, 0)
+            start[:, self._applied] += plan.force[:, 0]
+            if self._outside.on_bodies:
+                batch, where = self._batches[1.0], self._where(ids)
+                batch.state[where] = start[:, : batch.state.shape[1]]
+                failed = self._call(batch, batch.forward, ids, _VELOCITIES)
+                self._outside.push(ids, ids, start, plan, 0, 0.0, self._seen(batch))
+        return start, failed
 
-    def _load(self, i: int, times: Array) -> Array:
-        """(k, nv) external load of simulation i."""
-        external = self._externals[i]
-        return np.zeros((len(times), self._models[i].nv)) if external is None else external(times)
+    def _seen(self, batch: Batch) -> Kinematics:
+        return self._kinematics[id(batch)]
+
 
 
 class Bound:
@@ -310,7 +375,12 @@ class Bound:
     qacc: Array
     M: Array
     nefc: NDArray[np.int32]
+    ne: NDArray[np.int32]
     qfrc_smooth: Array
+    qfrc_passive: Array
+    qfrc_bias: Array
+    qfrc_actuator: Array
+    qfrc_applied: Array
     actuator_force: Array
     actuator_length: Array
     actuator_velocity: Array

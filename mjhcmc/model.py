@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 import warnings
+from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.assets import model_names, model_path
-from mjhcmc.errors import MjhcmcWarning, ModelError
+from mjhcmc.errors import MjhcmcWarning, ModelError, MotionError
 from mjhcmc.log import get_logger
+from mjhcmc.coordinates import Coordinates
+from mjhcmc.coupling import Coupling
 from mjhcmc.model_problems import (
+    coordinate_names_of,
+    dof_is_rotation_of,
+    dof_names_of,
     find_problems,
     joint_names_of,
     muscle_ids_of,
@@ -25,6 +31,7 @@ from mjhcmc.model_problems import (
     read_column_map,
 )
 from mjhcmc.opensim_names import OpenSimNames, read_opensim_names
+from mjhcmc.roles import Role, Roles, find_roles, roles_by_name
 
 __all__ = ["MuscleModel", "compile_model", "engine_integrator", "read_model"]
 
@@ -35,16 +42,22 @@ _log = get_logger(__name__)
 class MuscleModel:
     """A MuJoCo model with muscles, ready for the methods.
 
-    Build it with `MuscleModel.load`. The methods need muscle force to be affine in activation and every degree of
-    freedom to be a hinge or a slide; a model that breaks this is refused with the name of what breaks it.
+    Build it with `MuscleModel.load`. The methods need muscle force to be affine in activation (up to a forcerange); a
+    model that breaks this is refused with the name of what breaks it.
 
     Attributes:
         name: the model's name.
         mj_model: the compiled model (a private copy; its integrator is RK4).
-        joint_names: (nq,) hinge and slide joints, in the order of qpos.
-        joint_is_rotation: (nq,) True for hinges (rad), False for slides (m).
-        joint_range: (nq, 2) rad or m, -inf and inf where a joint is not limited.
-        qpos_reference: (nq,) the model's reference pose, rad or m.
+        joint_names: (nq,) names of the coordinates, in the order of qpos: a hinge or slide has its joint's name, a ball
+            JOINT_qw, _qx, _qy, _qz (a unit quaternion), a free joint JOINT_tx, _ty, _tz before those.
+        joint_is_rotation: (nq,) True for hinges (rad), False for slides (m) and parts of quaternions.
+        joint_range: (nq, 2) rad or m, -inf and inf where a coordinate is not limited.
+        qpos_reference: (nq,) the reference pose, rad or m: the model's qpos0, with what equality constraints tie to
+            other joints where they put it.
+        dof_names: (nv,) names of the degrees of freedom, in the order of qvel: a hinge or slide has its joint's name, a
+            ball JOINT_rx, _ry, _rz, a free joint JOINT_tx, _ty, _tz before those.
+        dof_is_rotation: (nv,) True for rad, False for m.
+        roles: what each degree of freedom is to a solve.
         column_map: file column by joint name, where the model ships one; a leading ``-`` flips the sign.
         muscle_names: (n_muscle,) in the order of the actuators.
         muscle_ids: (n_muscle,) actuator index of each muscle.
@@ -61,6 +74,9 @@ class MuscleModel:
     joint_is_rotation: NDArray[np.bool_]
     joint_range: NDArray[np.float64]
     qpos_reference: NDArray[np.float64]
+    dof_names: tuple[str, ...]
+    dof_is_rotation: NDArray[np.bool_]
+    roles: Roles
     column_map: dict[str, str]
     muscle_names: tuple[str, ...]
     muscle_ids: NDArray[np.intp]
@@ -70,10 +86,44 @@ class MuscleModel:
     excitation_range: NDArray[np.float64]
     opensim: OpenSimNames = field(default_factory=OpenSimNames)
 
-    @property
-    def dof_names(self) -> tuple[str, ...]:
-        """(nv,) names of the degrees of freedom; a hinge or slide has its joint's name."""
-        return self.joint_names
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """Differences of positions, and what is seen from the tracked degrees of freedom."""
+        return Coordinates(self.mj_model, self.roles)
+
+    @cached_property
+    def coupling(self) -> Coupling | None:
+        """The equality constraints; None where nothing is dependent."""
+        return Coupling(self.mj_model, self.roles) if len(self.roles.dependent) else None
+
+    @cached_property
+    def quaternions(self) -> tuple[int, ...]:
+        """Where in qpos the quaternions of ball and free joints begin."""
+        m = self.mj_model
+        kinds = {int(mujoco.mjtJoint.mjJNT_BALL): 0, int(mujoco.mjtJoint.mjJNT_FREE): 3}
+        return tuple(
+            int(at) + kinds[int(kind)]
+            for at, kind in zip(m.jnt_qposadr, m.jnt_type, strict=True)
+            if int(kind) in kinds
+        )
+
+    def with_roles(
+        self, *, tracked: Iterable[str] = (), prescribed: Iterable[str] = (), free: Iterable[str] = ()
+    ) -> MuscleModel:
+        """The same model with other roles for some of its joints.
+
+        Args:
+            tracked: names of joints, or of the degrees of freedom of ball and free joints, that muscles (and reserves)
+                are to move along the motion; at the root, reserves are residuals.
+            prescribed: that are moved along the motion whatever it takes.
+            free: that nothing leads.
+
+        Raises:
+            SettingsError: an unknown name, a name twice, or one that an equality constraint ties to others.
+        """
+        asked = {Role.TRACKED: tracked, Role.PRESCRIBED: prescribed, Role.FREE: free}
+        roles = roles_by_name(self.roles, dofs_by_name(self), self.name, asked)
+        return replace(self, roles=roles)
 
     @property
     def nq(self) -> int:
@@ -142,8 +192,8 @@ class MuscleModel:
             The model, stepped by RK4; a model that names another integrator gives an `MjhcmcWarning`.
 
         Raises:
-            ModelError: the file cannot be read, or the model has no muscle, has something that the methods cannot
-                follow (ball or free joints, equality constraints), or clamps that break a muscle's affinity.
+            ModelError: the file cannot be read, or the model has no muscle, or something that the methods cannot follow
+                (such as actuators with a state of their own, or clamped joint moments).
         """
         if isinstance(source, cls):
             return source
@@ -180,6 +230,17 @@ def read_model(m: Any, name: str) -> MuscleModel:
     urange = np.where(limited, m.actuator_ctrlrange[muscles], [[0.0, 1.0]])
     joint_names = joint_names_of(m)
     muscle_names = names_of(m, mujoco.mjtObj.mjOBJ_ACTUATOR, muscles, "muscle")
+    coordinates = coordinate_names_of(m)
+    hinge = np.array([kind == "hinge" for _, kind in coordinates], dtype=bool)
+    spread = np.full((m.nq, 2), [-np.inf, np.inf])
+    flat = np.isin(m.jnt_type, [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)])
+    limited_joints = np.flatnonzero(flat & m.jnt_limited.astype(bool))
+    spread[m.jnt_qposadr[limited_joints]] = m.jnt_range[limited_joints]
+    roles = find_roles(m, muscles)
+    reference = m.qpos0.copy()
+    if len(roles.dependent):
+        with suppress(MotionError):  # equalities that contradict each other there: a motion may still keep to them
+            reference = Coupling(m, roles).project(reference)
     column_map: dict[str, str] = {}
     opensim = OpenSimNames()
     with suppress(ModelError):  # `find_problems` tells
@@ -189,10 +250,13 @@ def read_model(m: Any, name: str) -> MuscleModel:
     return MuscleModel(
         name=name,
         mj_model=m,
-        joint_names=joint_names,
-        joint_is_rotation=m.jnt_type == mujoco.mjtJoint.mjJNT_HINGE,
-        joint_range=np.where(m.jnt_limited.astype(bool)[:, None], m.jnt_range, [[-np.inf, np.inf]]),
-        qpos_reference=m.qpos0.copy(),
+        joint_names=tuple(name for name, _ in coordinates),
+        joint_is_rotation=hinge,
+        joint_range=spread,
+        qpos_reference=reference,
+        dof_names=dof_names_of(m),
+        dof_is_rotation=dof_is_rotation_of(m),
+        roles=roles,
         column_map=column_map,
         muscle_names=muscle_names,
         muscle_ids=muscles,
@@ -202,6 +266,21 @@ def read_model(m: Any, name: str) -> MuscleModel:
         excitation_range=np.ascontiguousarray(np.clip(urange, 0.0, 1.0)),
         opensim=opensim,
     )
+
+
+def dofs_by_name(model: MuscleModel) -> dict[str, NDArray[np.intp]]:
+    """Degrees of freedom by the name of a joint; of ball and free joints also by those of their degrees of freedom.
+
+    The degrees of freedom of a ball or free joint go together.
+    """
+    m, found = model.mj_model, {}
+    for j, name in enumerate(joint_names_of(m)):
+        first = int(m.jnt_dofadr[j])
+        last = int(m.jnt_dofadr[j + 1]) if j + 1 < m.njnt else m.nv
+        dofs = np.arange(first, last)
+        found[name] = dofs
+        found.update({model.dof_names[i]: dofs for i in dofs})
+    return found
 
 
 def engine_integrator(m: Any) -> str:

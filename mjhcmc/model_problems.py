@@ -72,6 +72,28 @@ def joint_type(m: Any, j: int) -> str:
     return str(mujoco.mjtJoint(m.jnt_type[j]).name.removeprefix("mjJNT_").lower())
 
 
+_COORDINATES = {"hinge": ("",), "slide": ("",), "ball": ("_qw", "_qx", "_qy", "_qz")}
+_COORDINATES["free"] = ("_tx", "_ty", "_tz", *_COORDINATES["ball"])
+_DOFS = {"hinge": ("",), "slide": ("",), "ball": ("_rx", "_ry", "_rz"), "free": ("_tx", "_ty", "_tz", "_rx", "_ry", "_rz")}
+
+
+def coordinate_names_of(m: Any) -> list[tuple[str, str]]:
+    """(nq) name and joint type of each coordinate, see `MuscleModel.joint_names`."""
+    kinds = [joint_type(m, j) for j in range(m.njnt)]
+    return [(n + end, k) for n, k in zip(joint_names_of(m), kinds, strict=True) for end in _COORDINATES[k]]
+
+
+def dof_names_of(m: Any) -> tuple[str, ...]:
+    """(nv,) names of the degrees of freedom, see `MuscleModel.dof_names`."""
+    return tuple(n + end for j, n in enumerate(joint_names_of(m)) for end in _DOFS[joint_type(m, j)])
+
+
+def dof_is_rotation_of(m: Any) -> NDArray[np.bool_]:
+    """(nv,) True where a degree of freedom is a rotation."""
+    kinds = [(joint_type(m, j), end) for j in range(m.njnt) for end in _DOFS[joint_type(m, j)]]
+    return np.array([kind == "hinge" or end.startswith("_r") for kind, end in kinds], dtype=bool)
+
+
 def muscle_ids_of(m: Any) -> NDArray[np.intp]:
     """(n_muscle,) actuator index of each muscle: what has MuJoCo's muscle activation dynamics."""
     return np.flatnonzero(m.actuator_dyntype == mujoco.mjtDyn.mjDYN_MUSCLE).astype(np.intp)
@@ -89,8 +111,8 @@ def read_column_map(m: Any, name: str) -> dict[str, str]:
 def find_problems(m: Any, name: str) -> tuple[Problem, ...]:
     """All that keeps the methods from driving a compiled model; empty where they can.
 
-    The methods need every degree of freedom to be a hinge or a slide of its own, and every muscle's force to be
-    gain * activation + bias, with gain and bias functions of the posture and the velocities alone.
+    The methods need every muscle's force to be gain * activation + bias, up to a forcerange, with gain and bias
+    functions of the posture and the velocities alone.
 
     Args:
         m: a ``mujoco.MjModel`` with at least one muscle.
@@ -117,21 +139,17 @@ def _state_problems(m: Any) -> Iterator[Problem]:
 
 
 def _joint_problems(m: Any) -> Iterator[Problem]:
-    for j, name in enumerate(joint_names_of(m)):
-        kind = joint_type(m, j)
-        if kind not in ("hinge", "slide"):
-            yield Problem(
-                f"is of type {kind}; only hinge and slide joints can be followed",
-                f"joint {name!r}",
-                "replace it by hinges, or fix that body",
-            )
+    kinds = mujoco.mjtEq
+    known = {int(k) for k in (kinds.mjEQ_JOINT, kinds.mjEQ_TENDON, kinds.mjEQ_CONNECT, kinds.mjEQ_WELD)}
     active = np.flatnonzero(m.eq_active0)
-    for name in names_of(m, mujoco.mjtObj.mjOBJ_EQUALITY, active, "equality"):
-        yield Problem(
-            "couples its joints, which is not supported",
-            f"equality constraint {name!r}",
-            f'remove it or set active="false" ({len(active)} active)',
-        )
+    names = names_of(m, mujoco.mjtObj.mjOBJ_EQUALITY, active, "equality")
+    for e, name in zip(active, names, strict=True):
+        if int(m.eq_type[e]) not in known:
+            yield Problem(
+                "is of a type that cannot be followed (only joint, tendon, connect and weld can)",
+                f"equality constraint {name!r}",
+                'remove it or set active="false"',
+            )
 
 
 def _muscle_problems(m: Any, i: int) -> Iterator[tuple[str, str]]:
@@ -141,9 +159,8 @@ def _muscle_problems(m: Any, i: int) -> Iterator[tuple[str, str]]:
     plain_bias = {int(kind) for kind in (bias.mjBIAS_NONE, bias.mjBIAS_AFFINE, bias.mjBIAS_MUSCLE)}
     if int(m.actuator_gaintype[i]) not in plain_gain or int(m.actuator_biastype[i]) not in plain_bias:
         yield "has a user-defined gain or bias", "use gaintype and biastype muscle"
-    if m.actuator_forcelimited[i]:
-        clamp = _range(m.actuator_forcerange[i])
-        yield f"is clamped by forcerange {clamp}, so its force is not affine in activation", "remove forcerange"
+    if m.actuator_forcelimited[i] and not m.actuator_forcerange[i, 0] < m.actuator_forcerange[i, 1]:
+        yield f"has forcerange {_range(m.actuator_forcerange[i])}, which leaves no force", "correct or remove it"
     if m.actuator_actlimited[i] and not (m.actuator_actrange[i, 0] <= 0 and m.actuator_actrange[i, 1] >= 1):
         yield f"has actrange {_range(m.actuator_actrange[i])}, narrower than 0..1", "remove actrange"
     if m.actuator_actearly[i]:

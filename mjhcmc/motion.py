@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjhcmc.cosine import COSINE_PERIODS, cosine_rows
 from mjhcmc.errors import MotionError, SettingsError
 from mjhcmc.joints import RANGE_ALLOWANCE, TIME_TOLERANCE, JointModel, check_joint_range
+from mjhcmc.quaternions import turning, unit_quaternions
 from mjhcmc.signals import check_cutoff, power_above, zero_phase_lowpass
 
 __all__ = [
@@ -55,8 +56,8 @@ class Motion:
     """Joint positions in the order of a model's joints, on a time grid that may be uneven.
 
     Between the rows, and for the derivatives, an interpolating spline holds: quintic (q'' is then a smooth
-    cubic spline), cubic with fewer than 6 rows; not-a-knot at the ends. Hinge and slide joints only (nq =
-    nv); MuscleModel refuses ball and free joints.
+    cubic spline), cubic with fewer than 6 rows; not-a-knot at the ends. Quaternions Q of ball and free joints are
+    splined by component and made unit length, so that angular velocity in the body's axes is 2 vec(Q^-1 Q').
 
     Attributes:
         time: (T,) s, strictly increasing, T >= 4. Converted to float64 and read-only, like qpos.
@@ -66,10 +67,11 @@ class Motion:
         joint_names: (nq) names for messages, or empty.
         span: (start, end) in s of the part that is the motion. Rows outside it only lead the spline in and
             out, so that a motion cut out of a file keeps its derivatives at the cuts. None: all of time.
+        quaternions: columns of qpos in which unit quaternions (w, x, y, z) begin; see `on`.
 
     Raises:
-        MotionError: shapes, number of rows, order of times, a value that is NaN or infinite, or a span
-            outside time.
+        MotionError: shapes, number of rows, order of times, a value that is NaN or infinite, a span
+            outside time, or a quaternion of no length.
     """
 
     time: Array
@@ -78,6 +80,7 @@ class Motion:
     notices: tuple[str, ...] = ()
     joint_names: tuple[str, ...] = ()
     span: tuple[float, float] | None = None
+    quaternions: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Convert, freeze and check."""
@@ -108,6 +111,8 @@ class Motion:
                 f"{self.name}: row {row} (from 0): time {time[row]:.12g} s follows {time[row - 1]:.12g} s: "
                 "times must increase"
             )
+        if self.quaternions:
+            object.__setattr__(self, "qpos", unit_quaternions(self.name, time, qpos, self.quaternions))
         if self.span is not None:
             start, end = (float(t) for t in self.span)
             if not time[0] <= start < end <= time[-1]:
@@ -158,10 +163,22 @@ class Motion:
                 f"{self.end:.12g} s: ask within it"
             )
         t = np.clip(t, self.start, self.end)
-        return Reference(t, self._spline(t), self._spline(t, 1), self._spline(t, 2))
+        found = self.spline(t), self.spline(t, 1), self.spline(t, 2)
+        return Reference(t, *(turning(*found, self.quaternions) if self.quaternions else found))
+
+    def on(self, model: JointModel, quaternions: tuple[int, ...]) -> "Motion":
+        """The motion with names for its joints and its quaternions known.
+
+        Args:
+            model: whose joints move, for their names.
+            quaternions: columns of qpos in which they begin.
+        """
+        if quaternions == self.quaternions:
+            return self
+        return replace(self, joint_names=tuple(model.joint_names), quaternions=quaternions)
 
     @cached_property
-    def _spline(self) -> Any:
+    def spline(self) -> Any:
         from scipy.interpolate import make_interp_spline
 
         return make_interp_spline(self.time, self.qpos, k=5 if len(self.time) >= 6 else 3)
@@ -334,11 +351,12 @@ class Motion:
         )
         return Motion(
             time,
-            self._spline(np.clip(time, self.time[0], self.time[-1])),
+            self.spline(np.clip(time, self.time[0], self.time[-1])),
             self.name,
             (*self.notices, f"resampled at {1 / step:.6g} Hz"),
             self.joint_names,
             (self.start, self.end),
+            self.quaternions,
         )
 
     def lowpassed(self, hz: float) -> "Motion":
@@ -369,7 +387,7 @@ class Motion:
                 f"cutoff below "
                 f"{nyquist:.4g} Hz"
             )
-        rows = self.qpos if even else self._spline(time)
+        rows = self.qpos if even else self.spline(time)
         notice = f"low-pass filtered at {hz:g} Hz" + ("" if even else f", resampled each {1e3 * step:.4g} ms")
         return Motion(
             self.time if even else time,
@@ -378,6 +396,7 @@ class Motion:
             (*self.notices, notice),
             self.joint_names,
             (self.start, self.end),
+            self.quaternions,
         )
 
     def noise_warning(self) -> str | None:
@@ -391,7 +410,7 @@ class Motion:
             return None
         step = min(0.25 * float(np.median(np.diff(self.time))), 0.005)
         time = np.linspace(self.start, self.end, int(np.ceil(self.duration / step)) + 1)[:-1]
-        share, rms = power_above(self._spline(time, 2), _NOISE_FREQUENCY, self.duration / len(time))
+        share, rms = power_above(self.spline(time, 2), _NOISE_FREQUENCY, self.duration / len(time))
         share = np.where(rms > _NOISE_FLOOR, share, 0.0)
         worst = int(np.argmax(share))
         if share[worst] <= _NOISE_SHARE:

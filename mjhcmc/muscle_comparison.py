@@ -77,11 +77,11 @@ def track_of(solution: Solution, step: float = 1e-3) -> Track:
         raise SimulationError(
             "this solution's muscles are Hill muscles: compare one that MuJoCo's muscles drove (solve without a plant)"
         )
-    if solution.external is None and solution.external_load.any():
+    if not solution.knows_surroundings:
         raise SimulationError("the loads from outside were not kept as a function of time: solve the motion again")
     check_step(step)
     per = 2 * int(np.ceil(solution.dt / step - 1e-9))
-    plant = MujocoPlant(solution.model, solution.dt / per, solution.external)
+    plant = MujocoPlant(solution.model, solution.dt / per, surroundings=solution.surroundings)
     rows = plant.mj_model.actuator_outadr[plant.model.muscle_ids]
     none = np.zeros(plant.model.nv)
     found: list[tuple[Array, ...]] = []

@@ -18,16 +18,13 @@ from numpy.typing import NDArray
 from mjhcmc.activation import activation_after, excitation_for
 from mjhcmc.errors import SettingsError
 from mjhcmc.model import MuscleModel
+from mjhcmc.surroundings import HEAVY, Columns, External, Kinematics, Outside, Plan, Surroundings, heavy
 
 if TYPE_CHECKING:
     from mjhcmc.hosted.muscles import HostedMuscles
 
 RK4_LIMIT = 2.78
 """Largest step times decay rate at which classical Runge-Kutta is stable (2.785 on the real axis)."""
-
-
-External = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Loads that act from outside, as generalized forces: times (n,) s to (n, nv) N m."""
 
 
 def physics_steps(dt: float, physics_dt: float) -> int:
@@ -78,29 +75,48 @@ class MujocoPlant:
     Args:
         model: the model.
         physics_dt: s, length of a physics step.
-        external: loads from outside; held over each physics step at their value in its middle.
+        external: generalized forces from outside; held over each physics step at their value in its middle.
+        surroundings: all that acts from outside, and what leads the model's prescribed joints; or give external.
 
     Raises:
-        SettingsError: physics_dt is not a positive number.
+        SettingsError: physics_dt is not a positive number, or external and surroundings are both given.
     """
 
     hosted: HostedMuscles | None = None
     """The muscles outside MuJoCo that drive the bodies, if any."""
 
-    def __init__(self, model: MuscleModel, physics_dt: float = 1e-3, external: External | None = None) -> None:
+    def __init__(
+        self,
+        model: MuscleModel,
+        physics_dt: float = 1e-3,
+        external: External | None = None,
+        *,
+        surroundings: Surroundings | None = None,
+    ) -> None:
         if not (math.isfinite(physics_dt) and physics_dt > 0):
             raise SettingsError(f"physics_dt must be positive, in seconds; got {physics_dt}")
+        if surroundings is not None and external is not None:
+            raise SettingsError("external and surroundings exclude each other: give external within surroundings")
         self.model = model
-        self.mj_model = copy.deepcopy(model.mj_model)
+        self.surroundings = surroundings or Surroundings(external)
+        led = self.surroundings.path is not None
+        self._heavy = model.roles.prescribed if led else np.empty(0, dtype=np.intp)
+        self.mj_model = heavy(copy.deepcopy(model.mj_model), self._heavy)
         self.mj_model.opt.timestep = physics_dt
         self.mj_data = mujoco.MjData(self.mj_model)
         self.physics_dt = physics_dt
-        self.external = external
         self._reserve = np.zeros(model.nv)
+        self._outside: Outside | None = None
+        if not self.surroundings.empty:
+            m = self.mj_model
+            ends = np.cumsum([0, 1, m.nq, m.nv, m.nv, 6 * m.nbody])
+            self._columns = Columns(*(int(c) for c in ends[:5]))
+            self._row = np.zeros((1, int(ends[5])))
+            self._outside = Outside([model], [self.surroundings], self._columns)
 
-    def at(self, physics_dt: float, external: External | None) -> MujocoPlant:
-        """One like it with another physics step, s, and loads from outside."""
-        return MujocoPlant(self.model, physics_dt, external)
+    def at(self, physics_dt: float, surroundings: Surroundings) -> MujocoPlant:
+        """One like it with another physics step, s, and surroundings."""
+        return MujocoPlant(self.model, physics_dt, surroundings=surroundings)
 
     def check_motion(self, name: str, time: NDArray[np.float64], qpos: NDArray[np.float64]) -> None:
         """Refuse a motion that the muscles have no force along; MuJoCo's have one at any length."""
@@ -131,34 +147,75 @@ class MujocoPlant:
         self.mj_data.qfrc_applied[:] = reserve
 
     def external_load(self) -> NDArray[np.float64]:
-        """(nv,) N m or N, the external load at the plant's time."""
-        if self.external is None:
-            return np.zeros(self.model.nv)
-        load: NDArray[np.float64] = self.external(np.array([self.mj_data.time]))[0]
+        """(nv,) N m or N, what acts from outside at the plant's last `forward`."""
+        load = np.zeros(self.model.nv)
+        external = self.surroundings.external
+        if external is not None:
+            load += external(np.array([self.mj_data.time]))[0]
+        m, d = self.mj_model, self.mj_data
+        for body in np.flatnonzero(d.xfrc_applied.any(axis=1)):
+            force = d.xfrc_applied[body]
+            mujoco.mj_applyFT(m, d, force[:3], force[3:], d.xipos[body], body, load)
         return load
+
+    def inertial_force(self) -> NDArray[np.float64]:
+        """(nv,) N m or N, M qacc at the plant's last `forward`."""
+        m, d = self.mj_model, self.mj_data
+        inertial = np.empty(m.nv)
+        mujoco.mj_mulM(m, d, inertial, d.qacc)
+        inertial[self._heavy] -= HEAVY * d.qacc[self._heavy]
+        return inertial
 
     def advance(
         self, excitation: NDArray[np.float64], reserve: NDArray[np.float64], n_step: int, times: float = 1.0
     ) -> None:
         """Take n_step steps of ``times`` physics_dt under constant excitation (n_muscle,) and reserve (nv,) N m."""
         self.set_input(excitation, reserve)
-        step = self.mj_model.opt.timestep = times * self.physics_dt
-        if self.external is None:
-            mujoco.mj_step(self.mj_model, self.mj_data, nstep=n_step)
+        m, d, outside = self.mj_model, self.mj_data, self._outside
+        step = m.opt.timestep = times * self.physics_dt
+        if outside is None:
+            mujoco.mj_step(m, d, nstep=n_step)
         else:
-            for load in self.external(self.mj_data.time + step * (np.arange(n_step) + 0.5)):
-                self.mj_data.qfrc_applied[:] = self._reserve + load
-                mujoco.mj_step(self.mj_model, self.mj_data)
-        self.mj_model.opt.timestep = self.physics_dt
+            plan = outside.plan(np.zeros(1, dtype=np.intp), np.array([d.time]), step, n_step)
+            for j in range(n_step):
+                self._surround(outside, plan, j, step / 2, fresh=j == 0)
+                mujoco.mj_step(m, d)
+            self._lead(outside, plan, n_step)
+        m.opt.timestep = self.physics_dt
 
     def forward(self) -> NDArray[np.float64]:
         """Bring all derived quantities up to date with the state; returns qacc (nv,), a view."""
-        if self.external is not None:
-            self.mj_data.qfrc_applied[:] = self._reserve + self.external_load()
+        if self._outside is not None:
+            self._surround(self._outside, self.plan_here(self._outside), 0, 0.0, fresh=True)
         # after an RK4 step the derived quantities belong to its fourth stage
         mujoco.mj_forward(self.mj_model, self.mj_data)
         qacc: NDArray[np.float64] = self.mj_data.qacc
         return qacc
+
+    def plan_here(self, outside: Outside) -> Plan:
+        """What acts from outside at the plant's time."""
+        return outside.plan(np.zeros(1, dtype=np.intp), np.array([self.mj_data.time]), 0.0, 1)
+
+    def _lead(self, outside: Outside, plan: Plan, j: int) -> None:
+        """Put what is prescribed where it is at the start of step j."""
+        d, at, row = self.mj_data, self._columns, self._row
+        row[0, at.qpos : at.qvel], row[0, at.qvel : at.applied] = d.qpos, d.qvel
+        outside.lead(row, plan, j)
+        d.qpos[:], d.qvel[:] = row[0, at.qpos : at.qvel], row[0, at.qvel : at.applied]
+
+    def _surround(self, outside: Outside, plan: Plan, j: int, ahead: float, *, fresh: bool) -> None:
+        """Put in what acts in the middle of step j; fresh: the derived quantities are not the state's."""
+        m, d, at, row = self.mj_model, self.mj_data, self._columns, self._row
+        self._lead(outside, plan, j)
+        d.qfrc_applied[:] = self._reserve + plan.force[0, j]
+        if outside.on_bodies:
+            if fresh:
+                mujoco.mj_fwdPosition(m, d)
+                mujoco.mj_fwdVelocity(m, d)
+            seen = Kinematics(*(getattr(d, name)[None] for name in Kinematics._fields))
+            none = np.zeros(1, dtype=np.intp)
+            outside.push(none, none, row, plan, j, ahead, seen)
+            d.xfrc_applied[:] = row[0, at.on_bodies :].reshape(-1, 6)
 
     def muscle_force(self) -> NDArray[np.float64]:
         """(n_muscle,) N, of muscles outside MuJoCo, at the derived quantities as they are."""

@@ -12,7 +12,8 @@ What every method minimizes, at the activations a that supply the moments:
 
 k are the user's weights, V = F0 lopt (relative to their mean) goes with the muscle's volume, F = gain a + bias is the
 muscle's whole force, gain what it can give actively at its length and velocity (see `_capacity`). Smoothness adds
-sum_i k_i sigma (a_i - a_before,i)^2 (for `cubic` 3/2 of it, for `volume` with k_i V_i).
+sum_i k_i sigma (a_i - a_before,i)^2 (for `cubic` 3/2 of it, for `volume` with k_i V_i). EMG adds
+sum_i k_i w_i (a_i - e_i(t))^2 likewise, over the muscles that were measured (see `emg_targets`).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +32,9 @@ from mjhcmc.dynamics import MuscleMoments
 from mjhcmc.errors import SettingsError
 from mjhcmc.model import MuscleModel
 from mjhcmc.qp_back_ends import NEWTON, check_solver
+
+if TYPE_CHECKING:
+    from mjhcmc.emg_targets import EmgTargets, Tracking
 
 COSTS = ("effort", "cubic", "volume", "stress", "capacity")
 """Names of the costs."""
@@ -60,6 +64,7 @@ class Sharing:
             does without.
         solver: ``"newton"`` or a qpsolvers back end.
         options: what the user asked for, as plain values for the record.
+        tracking: what EMG asks for; None: nothing.
     """
 
     cost: str
@@ -70,10 +75,13 @@ class Sharing:
     strength: Array
     solver: str
     options: dict[str, Any]
+    tracking: Tracking | None = None
 
     def of(self, which: int | NDArray[np.intp] | slice) -> Sharing:
         """That of one simulation, or of some, where the arrays have one row a simulation (see `together`)."""
-        parts = {name: getattr(self, name)[which] for name in _BY_MUSCLE}
+        parts: dict[str, Any] = {name: getattr(self, name)[which] for name in _BY_MUSCLE}
+        if self.tracking is not None:
+            parts["tracking"] = self.tracking.of(which)
         return replace(self, **parts)
 
     @cached_property
@@ -99,7 +107,14 @@ class Sharing:
         return np.where(self.disabled, 0.0, excitation) if self.options["disabled"] else excitation
 
     def problem(
-        self, moments: MuscleMoments, Q: Array, low: Array, high: Array, inertia: Array, before: Array | None
+        self,
+        moments: MuscleMoments,
+        Q: Array,
+        low: Array,
+        high: Array,
+        inertia: Array,
+        before: Array | None,
+        time: float | None = None,
     ) -> AllocationProblem:
         """The allocation of Q (nv,) N m.
 
@@ -110,21 +125,26 @@ class Sharing:
             high: (n_muscle,) highest.
             inertia: (nv, nv) kg m^2, by which reserves are priced, see `allocation.build_problem`.
             before: (n_muscle,) activation that smoothness holds on to; None: none yet.
+            time: s, as `weigh`.
         """
-        w, a0, c = self.weigh(moments.gain, moments.bias, before)
+        w, a0, c = self.weigh(moments.gain, moments.bias, before, time)
         return build_problem(moments.B, Q, *self.bounds(low, high), inertia=inertia, w=w, a0=a0, c=c)
 
     @cached_property
     def _nothing(self) -> Array:
         return np.zeros_like(self.weights)
 
-    def weigh(self, gain: Array, bias: Array, before: Array | None) -> tuple[Array, Array, Array | None]:
+    def weigh(
+        self, gain: Array, bias: Array, before: Array | None, time: float | Array | None = None
+    ) -> tuple[Array, Array, Array | None]:
         """The cost at a state as w, a0, c (n_muscle,) of `allocation`; c None where it is quadratic.
 
         Args:
             gain: (n_muscle,) N, see `dynamics.MuscleMoments`.
             bias: (n_muscle,) N.
             before: (n_muscle,) activation that smoothness holds on to; None: none yet.
+            time: s, when the activation is to be there, on the motion's clock: the window's end; (b,) where arrays have
+                a row a simulation. Needed with ``tracking`` only.
         """
         k, cubic = self.weights, None
         w, a0 = k, self._nothing
@@ -137,6 +157,10 @@ class Sharing:
             w, cubic = _CUBIC_CONVEXITY * k, k
         if self.smoothness and before is not None:
             w, a0 = _held(w, a0, self.smoothness * k, before)
+        if self.tracking is not None:
+            assert time is not None
+            target, weight = self.tracking.at(time)
+            w, a0 = _held(w, a0, weight * k, target)
         return w, a0, cubic
 
     def allocate(self, problem: AllocationProblem) -> Allocation:
@@ -147,6 +171,11 @@ class Sharing:
 def together(sharings: Sequence[Sharing]) -> Sharing:
     """Those of several simulations, alike but for numbers, as one with a row a simulation."""
     parts: dict[str, Any] = {name: np.stack([getattr(s, name) for s in sharings]) for name in _BY_MUSCLE}
+    trackings = [s.tracking for s in sharings if s.tracking is not None]
+    if trackings:
+        from mjhcmc.emg_targets import together as emg_together
+
+        parts["tracking"] = emg_together(trackings)
     return replace(sharings[0], **parts)
 
 
@@ -175,6 +204,7 @@ def share(
     min_activation: Mapping[str, float] | ArrayLike = 0.0,
     disabled: Sequence[str] = (),
     solver: str = NEWTON,
+    emg: EmgTargets | None = None,
 ) -> Sharing:
     """Check the choices against a model.
 
@@ -186,10 +216,12 @@ def share(
         min_activation: one number, by muscle name (0 for the others), or (n_muscle,); at least 0, below 1.
         disabled: names of muscles that stay switched off; their passive force stays.
         solver: ``"newton"``, or the name of an installed qpsolvers back end where the cost is quadratic.
+        emg: measured excitations that activation is to follow; None: none.
 
     Raises:
-        SettingsError: an unknown cost, muscle or solver (the message lists the valid ones), a solver that is not
-            installed or cannot take the cost, values of the wrong shape or outside their range, weights too far
+        MotionError: a file that maps muscles to channels cannot be read.
+        SettingsError: an unknown cost, muscle, channel or solver (the message lists the valid ones), a solver that is
+            not installed or cannot take the cost, values of the wrong shape or outside their range, weights too far
             apart, a cost that the model's muscles have no measure for.
     """
     if not isinstance(cost, str) or cost not in COSTS:
@@ -234,6 +266,7 @@ def share(
             f"{_MOST_SPREAD:.0e}: name muscles that are to do nothing in disabled"
         )
     least = np.where(off, 0.0, least)
+    tracking = None if emg is None else _tracking(model, emg, k)
     options = {
         "cost": cost,
         "weights": None if weights is None else by_muscle(model, "weights", weights, 1.0).tolist(),
@@ -241,8 +274,25 @@ def share(
         "min_activation": least.tolist() if np.ptp(least) else float(least[0]),
         "disabled": [name for name in model.muscle_names if name in disabled],
         "solver": solver,
+        "emg": None if tracking is None else tracking.options,
     }
-    return Sharing(cost, k, float(smoothness), least, off, strength, solver, options)
+    return Sharing(cost, k, float(smoothness), least, off, strength, solver, options, tracking)
+
+
+def _tracking(model: MuscleModel, emg: EmgTargets, k: Array) -> Tracking:
+    """What EMG asks for of a model, checked."""
+    from mjhcmc.emg_targets import EmgTargets
+
+    if not isinstance(emg, EmgTargets):
+        raise SettingsError(f"emg must be EmgTargets; got {type(emg).__name__}: use EmgTargets(Emg.from_file(...))")
+    tracking = emg.tracking(model)
+    price = k * (1 + tracking.weight)
+    if price.max() > _MOST_SPREAD * price.min():
+        raise SettingsError(
+            f"EMG weights times the muscles' weights span a factor of {price.max() / price.min():.0e}, at most "
+            f"{_MOST_SPREAD:.0e}: choose smaller EMG weights"
+        )
+    return tracking
 
 
 def by_muscle(model: MuscleModel, what: str, given: Mapping[str, float] | ArrayLike | None, default: float) -> Array:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.errors import OutputError, SimulationError
-from mjhcmc.plant import RK4_LIMIT, External, MujocoPlant, State
+from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State
+from mjhcmc.surroundings import Surroundings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,9 +95,12 @@ class Solution:
         qpos_desired: (N+1, nq) rad or m.
         qvel: (N+1, nv) rad/s or m/s, of the muscle-driven model.
         tracking_error: (N+1, nv) rad or m, actual minus desired.
+        residual: (N+1, nv) N m or N: at prescribed degrees of freedom what keeps them on the motion beside the muscles,
+            at tracked ones of the root the reserve, elsewhere 0.
         net_joint_moment: (N+1, nv) N m or N: M q'' + bias - passive - limits and contacts - other actuators -
             external load of the simulated motion, equal to
-            R^T F + reserve (the reserve of the window that starts at the node; last node: the last window's).
+            R^T F + reserve (the reserve of the window that starts at the node; last node: the last window's). What acts on
+            dependent degrees of freedom is counted at those that move them.
         muscle_force: (N+1, n_muscle) N along the tendon, pulling positive: active, passive and fiber damping.
         reserve: (N, nv) N m or N, constant over a window and applied to the plant.
         shortfall: (N, nv) N m or N: what the muscles could not give at the window's end. The reserve where reserves
@@ -110,8 +114,8 @@ class Solution:
         interrupted: True where the solve was stopped before the motion's end.
         model: the model that was driven; None where the solution was read from a file without it.
         stored_verdict: the verdict that a file held, if any.
-        external: the external load as a function of time; None where there was none or the solution was read from a
-            file.
+        surroundings: what acted from outside and led prescribed joints; None where the solution was read from a file
+            that does not hold it.
         fiber_length: (N+1, n_muscle) m, of Hill muscles with compliant tendons; None of others.
         muscles: the Hill muscles that drove the model; None where MuJoCo's own did, or a file does not tell which.
     """
@@ -136,8 +140,9 @@ class Solution:
     interrupted: bool = False
     model: MuscleModel | None = field(default=None, repr=False, compare=False)
     stored_verdict: Verdict | None = field(default=None, repr=False, compare=False)
-    external: External | None = field(default=None, repr=False, compare=False)
+    surroundings: Surroundings | None = field(default=None, repr=False, compare=False)
     fiber_length: NDArray[np.float64] | None = None
+    residual: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     muscles: HostedMuscles | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -155,6 +160,21 @@ class Solution:
         """Whether Hill muscles drove the model (see `HillPlant`) in place of MuJoCo's."""
         return self.muscles is not None or "muscles" in self.settings or self.fiber_length is not None
 
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """(nv,) what each degree of freedom was to the solve, see `roles.Role`."""
+        return tuple(self.settings.get("roles") or ["tracked"] * len(self.dof_names))
+
+    @property
+    def is_root(self) -> NDArray[np.bool_]:
+        """(nv,) True at the root, where reserves are residuals."""
+        return np.isin(self.dof_names, self.settings.get("root") or [])
+
+    @property
+    def knows_surroundings(self) -> bool:
+        """Whether what acted from outside, and led prescribed joints, is known as a function of time."""
+        return self.surroundings is not None or not (self.external_load.any() or "prescribed" in self.roles)
+
     def state(self, k: int) -> State:
         """The state at node k."""
         none = np.zeros(len(self.dof_names))
@@ -162,7 +182,7 @@ class Solution:
         return State(float(self.time[k]), self.qpos[k], self.qvel[k], self.activation[k], none, fiber)
 
     def plant(self, physics_dt: float = 1e-3) -> MujocoPlant:
-        """What was driven, without loads from outside.
+        """What was driven, with its surroundings as far as they are known.
 
         Args:
             physics_dt: s, its physics step.
@@ -176,12 +196,12 @@ class Solution:
                 "model=...)"
             )
         if not self.hosted:
-            return MujocoPlant(self.model, physics_dt)
+            return MujocoPlant(self.model, physics_dt, surroundings=self.surroundings)
         if self.muscles is None:
             raise SimulationError("this solution was driven by Hill muscles that its file does not hold: solve again")
         from mjhcmc.hosted.plant import HillPlant
 
-        return HillPlant(self.model, self.muscles, physics_dt=physics_dt)
+        return HillPlant(self.model, self.muscles, physics_dt=physics_dt, surroundings=self.surroundings)
 
     @property
     def peak_moment(self) -> NDArray[np.float64]:
@@ -276,6 +296,8 @@ class Solution:
 
     def __post_init__(self) -> None:
         """Check that the arrays fit together, and make them read-only."""
+        if not self.residual.size:
+            object.__setattr__(self, "residual", np.zeros_like(self.net_joint_moment))
         n, m, v = len(self.time) - 1, len(self.muscle_names), len(self.dof_names)
         nq = self.qpos.shape[-1]
         shapes = {
@@ -288,6 +310,7 @@ class Solution:
             "qvel": (n + 1, v),
             "tracking_error": (n + 1, v),
             "net_joint_moment": (n + 1, v),
+            "residual": (n + 1, v),
             "muscle_force": (n + 1, m),
             "reserve": (n, v),
             "shortfall": (n, v),

@@ -14,9 +14,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjhcmc import replay as again
 from mjhcmc.errors import SimulationError
 from mjhcmc.plant import physics_steps
 from mjhcmc.solution import RESERVE_SHARE, Solution, WindowStatus, moment_scale
+from mjhcmc.surroundings import Surroundings
 
 MAX_RESERVE_SHARE = 0.05
 MAX_TRACKING_RMS = np.deg2rad(1.0)
@@ -76,16 +78,17 @@ def judge(solution: Solution) -> Verdict:
     """The verdict on a solution; replays it where it knows its model."""
     scale = moment_scale(solution.net_joint_moment)
     peak_reserve = np.abs(solution.reserve).max(axis=0)
-    share = peak_reserve / scale
+    share = np.where(solution.is_root, 0.0, peak_reserve / scale)  # what acts at the root is a residual
     error = solution.tracking_error
     rms = np.sqrt((error**2).mean(axis=0))
     limit = np.where(solution.dof_is_rotation, MAX_TRACKING_RMS, MAX_TRACKING_RMS_SLIDE)
     open_loop = window = None
     known = solution.model is not None and not (solution.hosted and solution.muscles is None)
-    if known and (solution.external is not None or not solution.external_load.any()):
-        if solution.external is None:  # under a load from outside open loop is unstable: nothing brings it back
-            open_loop = _floats(np.abs(replay(solution) - solution.qpos).max(axis=0))
-        window = _floats(np.abs(replay_windows(solution) - solution.qpos).max(axis=0))
+    if known and solution.knows_surroundings and solution.model is not None:
+        difference = solution.model.coordinates.difference
+        if not solution.external_load.any():  # under loads open loop is unstable: nothing brings it back
+            open_loop = _floats(np.abs(difference(replay(solution), solution.qpos)).max(axis=0))
+        window = _floats(np.abs(difference(replay_windows(solution), solution.qpos)).max(axis=0))
     return Verdict(
         passed=bool((share <= MAX_RESERVE_SHARE).all() and (rms <= limit).all() and not solution.interrupted),
         dof_names=solution.dof_names,
@@ -171,11 +174,9 @@ def replay(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.floa
     Raises:
         SimulationError: the solution does not know its model or muscles (it was read from a file).
     """
-    if solution.hosted:
-        from mjhcmc.hosted import replay as hosted
-
+    if solution.hosted or not (solution.surroundings or Surroundings()).empty:
         solution.plant()  # knows what is missing
-        return hosted.replay(solution, physics_dt)
+        return again.replay(solution, physics_dt)
     engine = _Engine(solution, physics_dt)
     rows = [engine.state(0)]
     per_chunk = max(1, _CHUNK // engine.n_step)
@@ -194,11 +195,9 @@ def replay_windows(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray
     Returns:
         (N+1, nq) rad or m: the recorded first node, then the end of each window.
     """
-    if solution.hosted:
-        from mjhcmc.hosted import replay as hosted
-
+    if solution.hosted or not (solution.surroundings or Surroundings()).empty:
         solution.plant()  # knows what is missing
-        return hosted.replay_windows(solution, physics_dt)
+        return again.replay_windows(solution, physics_dt)
     engine = _Engine(solution, physics_dt)
     rows = [engine.state(0)[None]]
     per_chunk = max(1, _CHUNK // engine.n_step)
@@ -235,19 +234,14 @@ class _Engine:
         return self._get(self.full)
 
     def inputs(self, windows: NDArray[np.intp]) -> NDArray[np.float64]:
-        """(n, n_step, n_input) excitation, reserve and external load of windows, as the engine wants them."""
+        """(n, n_step, n_input) excitation and reserve of windows, as the engine wants them."""
         d, s = self.mj_data, self.solution
         rows = []
         for k in windows:
             d.ctrl[self.model.ctrl_index] = s.excitation[k]
             d.qfrc_applied[:] = s.reserve[k]
             rows.append(self._get(self.input))
-        inputs = np.repeat(np.array(rows)[:, None], self.n_step, axis=1)
-        if s.external is not None:
-            middles = s.time[windows][:, None] + self.mj_model.opt.timestep * (np.arange(self.n_step) + 0.5)
-            # controls come before applied forces
-            inputs[..., -self.model.nv :] += s.external(middles.ravel()).reshape(*middles.shape, -1)
-        return inputs
+        return np.repeat(np.array(rows)[:, None], self.n_step, axis=1)
 
     def _get(self, signature: int) -> NDArray[np.float64]:
         out = np.empty(mujoco.mj_stateSize(self.mj_model, signature))

@@ -7,6 +7,7 @@ to rounding.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -26,16 +27,17 @@ from mjhcmc.hosted.stages import accelerate, advance_stage, pull, read_muscles, 
 from mjhcmc.lockstep import Array, Bound, Ids, Linearization, Lockstep, without
 from mjhcmc.lockstep_kernels import fill_nodes, put_around
 from mjhcmc.model import MuscleModel
-from mjhcmc.plant import External, State
+from mjhcmc.plant import State
+from mjhcmc.surroundings import HEAVY, Surroundings, heavy
 
-_STAGED = ("qacc", "M", "nefc", "actuator_length", "actuator_velocity")
+_STAGED = ("qacc", "M", "nefc", "ne", "actuator_length", "actuator_velocity")
 _PROBED = (*_STAGED, "qfrc_passive", "qfrc_actuator", "qfrc_bias")
 _AT_NODES = (
     *_STAGED, "qfrc_passive", "qfrc_actuator", "qfrc_bias", "qfrc_constraint", "actuator_force", "ten_velocity",
 )  # fmt: skip
 _NODES_AT_ONCE = 1024
 _WORTH_THREADS = 192  # simulations: for fewer, a stage's own work is done before another thread wakes
-_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
+_VELOCITIES, _ALL = int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_ACC)
 
 
 class Pull(NamedTuple):
@@ -84,7 +86,8 @@ class HillLockstep(Lockstep):
         models: one a simulation, alike in all but numbers.
         muscles: one a simulation, or one for all; of one kind of tendon and the same curves.
         physics_dt: s, length of a physics step.
-        externals: loads from outside, one a simulation; held over each physics step at their value in its middle.
+        surroundings: what acts from outside and what leads them, one a simulation; forces are held over each physics
+            step at their value in its middle.
         threads: threads to step on, the caller's among them.
 
     Raises:
@@ -98,7 +101,7 @@ class HillLockstep(Lockstep):
         models: Sequence[MuscleModel],
         muscles: Sequence[HostedMuscles],
         physics_dt: float,
-        externals: Sequence[External | None],
+        surroundings: Sequence[Surroundings],
         threads: int = 1,
     ) -> None:
         first = muscles[0]
@@ -110,7 +113,7 @@ class HillLockstep(Lockstep):
         for model, m in zip(models, [*muscles] * (len(models) if one else 1), strict=True):
             key = id(model), id(m)
             bodies.append(made[key] if key in made else made.setdefault(key, bodies_of(model, m)))
-        super().__init__(bodies, physics_dt, externals, threads)
+        super().__init__(bodies, physics_dt, surroundings, threads)
         self.muscles = first
         self._all = [*muscles] * (self.count if one else 1)
         parameters = np.stack([m.parameters for m in muscles])
@@ -153,13 +156,18 @@ class HillLockstep(Lockstep):
         u = np.clip(excitation, self.excitation_range[where, :, 0], self.excitation_range[where, :, 1])
         prm, curves = self.activation_parameters[where], self.muscles.curves
         now, total = rows.copy(), np.empty((b, 2 * (reserve.shape[1] + excitation.shape[1])))
-        middles = h * (np.arange(n_step) + 0.5)
-        load = np.zeros((b, n_step, 1))
-        if self._loaded:
-            load = np.stack([self._load(i, row[at.time] + middles) for i, row in zip(ids, rows, strict=True)])
-        failed: set[int] = set()
+        outside, failed = self._outside, set[int]()
+        plan = None if outside is None else outside.plan(ids, rows[:, at.time], h, n_step)
         for j in range(n_step):
-            now[:, self._applied] = reserve + load[:, j]
+            now[:, self._applied] = reserve
+            if outside is not None and plan is not None:
+                outside.lead(now, plan, j)
+                now[:, self._applied] += plan.force[:, j]
+                if outside.on_bodies:
+                    if j == 0:
+                        batch.state[where] = now[:, : self._n_state]
+                        self._forward(batch, whole.ids, failed, _VELOCITIES)
+                    outside.push(ids, ids, now, plan, j, h / 2, self._seen(batch))
             start = now.copy()
             batch.state[where] = now[:, : self._n_state]
             for stage in range(4):
@@ -170,13 +178,14 @@ class HillLockstep(Lockstep):
                     now, total, batch.state,
                 )  # fmt: skip
                 in_chunks(partial(_stage, parts), b, self._threads if b >= _WORTH_THREADS else 1)
+        if outside is not None and plan is not None:
+            outside.lead(now, plan, n_step)
         return without(failed, ids, now)
 
     def acceleration(self, ids: Ids, rows: Array, reserve: Array) -> Array:
         """See `Plants`."""
-        failed: set[int] = set()
         batch = self._batches[1.0]
-        start = self._under(ids, rows, reserve)
+        start, failed = self._under(ids, rows, reserve)
         batch.state[self._where(ids)] = start[:, : self._n_state]
         found = self._pull(batch, self._bound, _Call.of(self, ids), start, failed)
         return without(failed, ids, found.qacc)
@@ -192,7 +201,7 @@ class HillLockstep(Lockstep):
         batch, bound = self._probe
         nv, n, b = self._models[0].nv, self._models[0].n_muscle, len(ids)
         copies = 2 + nv
-        start, failed = self._under(ids, rows, reserve), set[int]()
+        start, failed = self._under(ids, rows, reserve)
         call = _Call.of(self, ids, copies)
         slope: list[Array] = []
         M, R = np.empty((b, nv, nv)), np.empty((b, n, nv))
@@ -219,7 +228,7 @@ class HillLockstep(Lockstep):
         around = Linearization(
             without(failed, ids, found.qacc[::copies].copy()), M,
             np.ascontiguousarray(np.swapaxes(R * gain[:, :, None], 1, 2)), gain, bias, slope[-1],
-            slope[0] if stiffness else None,
+            slope[0] if stiffness else None, bound.nefc[call.at[::copies]] - bound.ne[call.at[::copies]],
         )  # fmt: skip
         return MuscleView(around, R, force, path, slopes)
 
@@ -229,22 +238,22 @@ class HillLockstep(Lockstep):
             halves = np.array_split(np.arange(len(rows)), 2)
             parts = [self.nodes(i, rows[half], reserve[half]) for half in halves]
             return NodeForces(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(NodeForces)))
-        load = self._load(i, rows[:, self.layout.time])
         model, k = self._models[i], len(rows)
         if self._nodes is None or self._nodes[0].nsim != k:
-            batch = Batch(model.mj_model, k, self._threads)
+            batch = self._watched(Batch(heavy(copy.copy(model.mj_model), self._heavy), k, self._threads))
             self._nodes = batch, Bound(batch, model, _AT_NODES)
         batch, bound = self._nodes
         if self._differ:
-            batch.set_models(model.mj_model)
-        start = rows.copy()
-        start[:, self._applied] = reserve + load
+            batch.set_models(heavy(copy.copy(model.mj_model), self._heavy))
+        start, load = self._surround_nodes(i, batch, rows, reserve)
         batch.state[:] = start[:, : self._n_state]
         call = _Call(np.arange(k), np.repeat(self.parameters[[i]], k, axis=0), None)
         found = self._pull(batch, bound, call, start, set())
         M, R = np.empty((k, model.nv, model.nv)), np.empty((k, model.n_muscle, model.nv))
         fill_nodes(bound.M, *bound.M_index, *bound.moment, bound.muscles, M, R)
-        forces = forces_from(model, bound, R, (M @ found.qacc[:, :, None])[:, :, 0], load)
+        inertial = (M @ found.qacc[:, :, None])[:, :, 0]
+        inertial[:, self._heavy] -= HEAVY * found.qacc[:, self._heavy]
+        forces = forces_from(model, bound, R, inertial, load + self._on_bodies(bound))
         return with_hosted(forces, model, found.force, R)
 
     def _pull(self, batch: Batch, bound: Bound, call: _Call, rows: Array, failed: set[int]) -> Pull:
@@ -273,9 +282,9 @@ class HillLockstep(Lockstep):
         in_chunks(lambda first, last: accelerate(first, last, *moved), b, self._threads if b >= _WORTH_THREADS else 1)
         return Pull(force, tau, qacc)
 
-    def _forward(self, batch: Batch, ids: Ids | None, failed: set[int]) -> None:
+    def _forward(self, batch: Batch, ids: Ids | None, failed: set[int], stage: int = _ALL) -> None:
         try:
-            batch.forward(ids)
+            batch.forward(ids, stage)
         except SimulationError as error:
             copies = max(1, batch.nsim // self.count)
             self._faults.update({int(i) // copies: batch.error(int(i)) for i in error.ids})

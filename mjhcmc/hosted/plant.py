@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from mjhcmc import hill
 from mjhcmc.dynamics import moment_arms
-from mjhcmc.errors import MotionError, SettingsError
+from mjhcmc.errors import ModelError, MotionError, SettingsError
 from mjhcmc.hosted.lockstep import HillLockstep
 from mjhcmc.hosted.muscles import LEAST_EXCITATION, HostedMuscles, bodies_of, hosted_muscles
 from mjhcmc.hosted.stages import muscles_at
 from mjhcmc.hosted.window import excite, reach
 from mjhcmc.model import MuscleModel
-from mjhcmc.plant import External, MujocoPlant, Outlook, State
+from mjhcmc.plant import MujocoPlant, Outlook, State
+from mjhcmc.surroundings import External, Surroundings
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,8 @@ class HillPlant(MujocoPlant):
             the model's order and by its names.
         tendon: ``"compliant"`` or ``"rigid"``.
         physics_dt: s, length of a physics step.
-        external: loads from outside; held over each physics step at their value in its middle.
+        external: generalized forces from outside; held over each physics step at their value in its middle.
+        surroundings: all that acts from outside, and what leads the model's prescribed joints; or give external.
 
     Attributes:
         hosted: the muscles.
@@ -58,18 +60,25 @@ class HillPlant(MujocoPlant):
         tendon: str = "compliant",
         physics_dt: float = 1e-3,
         external: External | None = None,
+        *,
+        surroundings: Surroundings | None = None,
     ) -> None:
         hosts = muscles if isinstance(muscles, HostedMuscles) else hosted_muscles(model, muscles, tendon)
         self.hosted: HostedMuscles = hosts
         self.driven = model
-        super().__init__(bodies_of(model, self.hosted), physics_dt, external)
+        if not model.coordinates.flat:
+            raise ModelError(
+                f"model {model.name!r} has ball or free joints, which Hill muscles do not go with yet: replace them by "
+                "hinges and slides, or use MuJoCo's muscles"
+            )
+        super().__init__(bodies_of(model, self.hosted), physics_dt, external, surroundings=surroundings)
         self._rows = self.mj_model.actuator_outadr[model.muscle_ids]
         self._range = self.hosted.excitation_range(model)
         self._fiber = np.empty(0)
 
-    def at(self, physics_dt: float, external: External | None) -> HillPlant:
-        """The same with another physics step, s, and loads from outside."""
-        return HillPlant(self.driven, self.hosted, physics_dt=physics_dt, external=external)
+    def at(self, physics_dt: float, surroundings: Surroundings) -> HillPlant:
+        """The same with another physics step, s, and surroundings."""
+        return HillPlant(self.driven, self.hosted, physics_dt=physics_dt, surroundings=surroundings)
 
     def check_motion(self, name: str, time: Array, qpos: Array) -> None:
         """Refuse a motion that leaves a fiber on a rigid tendon no length.
@@ -101,7 +110,7 @@ class HillPlant(MujocoPlant):
     @cached_property
     def lockstep(self) -> HillLockstep:
         """What steps it."""
-        return HillLockstep([self.driven], [self.hosted], self.physics_dt, [self.external])
+        return HillLockstep([self.driven], [self.hosted], self.physics_dt, [self.surroundings])
 
     def set_state(self, state: State) -> None:
         """See `MujocoPlant`; fibers whose lengths are not told are put into equilibrium, if there is one."""
@@ -134,9 +143,12 @@ class HillPlant(MujocoPlant):
 
     def forward(self) -> Array:
         """See `MujocoPlant`."""
+        self.mj_data.qfrc_applied[:] = self._reserve
+        if self._outside is not None:
+            self._surround(self._outside, self.plan_here(self._outside), 0, 0.0, fresh=True)
         mujoco.mj_fwdPosition(self.mj_model, self.mj_data)
         mujoco.mj_fwdVelocity(self.mj_model, self.mj_data)
-        self.mj_data.qfrc_applied[:] = self._reserve + self.external_load() + self.hosted_moment()
+        self.mj_data.qfrc_applied[:] += self.hosted_moment()
         mujoco.mj_forward(self.mj_model, self.mj_data)
         qacc: Array = self.mj_data.qacc
         return qacc
@@ -231,4 +243,4 @@ def lockstep_of(plants: Sequence[MujocoPlant], threads: int) -> HillLockstep:
     if any(plant.physics_dt != first.physics_dt for plant in own):
         raise SettingsError("plants stepped together share their physics_dt: build them with one")
     parts = [plant.driven for plant in own], [plant.hosted for plant in own]
-    return HillLockstep(*parts, first.physics_dt, [plant.external for plant in own], threads)
+    return HillLockstep(*parts, first.physics_dt, [plant.surroundings for plant in own], threads)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.errors import MjhcmcWarning, MotionError, SettingsError
-from mjhcmc.io import csv_table, opensim
+from mjhcmc.io import c3d, csv_table, opensim
 from mjhcmc.io.columns import listed, match_columns, read_map
 from mjhcmc.io.rows import JointRows, check_finite, crop, rows_of_motion, span
 from mjhcmc.io.units import column_units, degrees_fit, unit_doubt
@@ -18,7 +18,7 @@ from mjhcmc.motion import RANGE_ALLOWANCE, JointModel, Motion, check_cutoff, che
 
 Array = NDArray[np.float64]
 
-MARKER_SUFFIXES = (".trc",)
+MARKER_SUFFIXES = (".trc", *c3d.SUFFIXES)
 SUFFIXES = (*opensim.SUFFIXES, *csv_table.SUFFIXES, *MARKER_SUFFIXES)
 """Of the files that a motion is read from."""
 

@@ -1,4 +1,4 @@
-"""Marker files (.trc) of motion capture: read to metres, and written.
+"""Marker files (.trc) of motion capture: read to metres, and written exactly.
 
 Such a file names itself in its first line (``PathFileType``), gives keys (DataRate, NumFrames, NumMarkers, Units and
 others) and below them their values, then the markers' names, one over each three columns, a line X1 Y1 Z1 X2 ..., and
@@ -7,7 +7,7 @@ a row a frame: its number, its time, and three coordinates a marker, empty where
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
@@ -18,29 +18,40 @@ from numpy.typing import ArrayLike, NDArray
 from mjhcmc.errors import MjhcmcWarning, MotionError, OutputError
 from mjhcmc.io.files import written_whole
 from mjhcmc.io.motion_table import look_up
-from mjhcmc.io.text import number, read_lines
+from mjhcmc.io.text import is_number, number, read_lines
 
 Array = NDArray[np.float64]
 
-_SHIFTS = {"mm": -3, "cm": -2, "m": 0}  # power of ten to metres
-_UNITS = {
+SHIFTS = {"mm": -3, "cm": -2, "m": 0}
+"""Unit of length to the power of ten that makes it metres."""
+
+UNIT_NAMES = {
     **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
     **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), "cm"),
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
 }
+"""What files call these units, in small letters."""
+
 _RATE_TOLERANCE = 0.01  # of the rate that the header gives, against the times
+
+_COUNTED = ("numframes", "nummarkers", "units")  # keys that the writer knows better
+_FIRST_KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units")  # OpenSim wants these
+_ORIGINAL = ("OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")
 
 
 @dataclass(frozen=True, eq=False)
 class MarkerTable:
-    """The content of one .trc file, in metres.
+    """The markers of one file (.trc or .c3d), in metres.
 
     Attributes:
         path: the file read.
         names: (n,) the markers' names, in the file's order.
         time: (T,) s, as written: not checked for order.
         positions: (T, n, 3) m in the laboratory's frame; a marker that was not seen has three NaN.
-        line_numbers: (T,) the line of the file each row stands on, from 1, for messages.
+        line_numbers: (T,) the line of the file each row stands on (of a .c3d: its frame), from 1, for messages.
+        unit: of the file's own coordinates: "mm", "cm" or "m".
+        header: the header's keys and values as written; empty for a .c3d.
+        row_word: what line_numbers count, "line" or "frame".
     """
 
     path: Path
@@ -48,11 +59,27 @@ class MarkerTable:
     time: Array = field(repr=False)
     positions: Array = field(repr=False)
     line_numbers: NDArray[np.int64] = field(repr=False)
+    unit: str = "mm"
+    header: Mapping[str, str] = field(default_factory=dict)
+    row_word: str = "line"
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
         for array in (self.time, self.positions, self.line_numbers):
             array.setflags(write=False)
+
+
+def read_markers(path: str | os.PathLike[str]) -> MarkerTable:
+    """Read markers from a .c3d file (see `mjhcmc.io.c3d.read_c3d`), or from any other as .trc (see `read_trc`).
+
+    Raises:
+        MotionError: the file cannot be used, or is a .c3d and the package that reads it is not installed.
+    """
+    if Path(path).suffix.lower() == ".c3d":
+        from mjhcmc.io.c3d import read_c3d
+
+        return read_c3d(path)
+    return read_trc(path)
 
 
 def read_trc(path: str | os.PathLike[str]) -> MarkerTable:
@@ -75,7 +102,8 @@ def read_trc(path: str | os.PathLike[str]) -> MarkerTable:
     path = Path(path)
     lines = read_lines(path, "a marker file (.trc)")
     header, labels_at = _read_header(path, lines)
-    shift = _shift(path, header)
+    unit = _unit(path, header)
+    shift = SHIFTS[unit]
     names = _marker_names(path, labels_at + 1, lines[labels_at])
     content = [(i, line) for i, line in enumerate(lines[labels_at + 1 :], labels_at + 2) if line.strip()]
     if content and next(filter(None, _cells(content[0][1])))[0] in "Xx":
@@ -90,7 +118,8 @@ def read_trc(path: str | os.PathLike[str]) -> MarkerTable:
         raise MotionError(f"{path}: no rows after the marker names: the file is cut off, write it again")
     rows = np.array([_row(path, at, line, names, shift, i == len(content) - 1) for i, (at, line) in enumerate(content)])
     line_numbers = np.array([at for at, _ in content], dtype=np.int64)
-    table = MarkerTable(path, names, rows[:, 0].copy(), rows[:, 1:].reshape(len(rows), -1, 3), line_numbers)
+    positions = rows[:, 1:].reshape(len(rows), -1, 3)
+    table = MarkerTable(path, names, rows[:, 0].copy(), positions, line_numbers, unit, header)
     _check_said(table, header)
     return table
 
@@ -102,6 +131,7 @@ def write_trc(
     positions: ArrayLike,
     *,
     unit: str = "mm",
+    header: Mapping[str, str] | None = None,
 ) -> None:
     """Write a marker file; every time and position comes back bit for bit.
 
@@ -110,23 +140,26 @@ def write_trc(
         names: (n,) the markers' names.
         time: (T,) s; DataRate is written from its median step.
         positions: (T, n, 3) m, three NaN where a marker was not seen.
-        unit: of the file's coordinates, "mm" or "m".
+        unit: of the file's coordinates, "mm", "cm" or "m".
+        header: keys and values, such as CameraRate and OrigDataRate, in place of those that follow from the times;
+            keys of their own come last. DataRate is taken where it fits the times; NumFrames, NumMarkers and Units
+            are passed over, since they are counted.
 
     Raises:
-        OutputError: the shapes, names or values do not fit, an unknown unit, or the file cannot be written.
+        OutputError: the shapes, names, values or header do not fit, an unknown unit, or the file cannot be written.
     """
     path = Path(path)
     times, points = np.asarray(time, dtype=np.float64), np.asarray(positions, dtype=np.float64)
     n = len(names)
-    if unit not in ("mm", "m"):
-        raise OutputError(f"{path}: unit {unit!r}: choose mm or m")
+    if unit not in SHIFTS:
+        raise OutputError(f"{path}: unit {unit!r}: choose mm, cm or m")
     if times.ndim != 1 or points.shape != (len(times), n, 3) or not points.size:
         raise OutputError(
             f"{path}: cannot write {n} markers with time {times.shape} and positions {points.shape}: "
             f"give time (T,) and positions (T, {n}, 3)"
         )
     for name in names:
-        if not name or name != name.strip() or any(c in name for c in "\t\r\n"):
+        if not name or name != name.strip() or any(c in name for c in "\t\r\n\0"):
             raise OutputError(
                 f"{path}: marker name {name!r} cannot be written: it is empty, begins or ends with a blank, or has "
                 "a tab or line end: rename it"
@@ -138,22 +171,53 @@ def write_trc(
     if len(bad) or not np.isfinite(times).all():
         what = f"marker {names[bad[0][1]]!r} of row {bad[0][0]} (from 0)" if len(bad) else "a time"
         raise OutputError(f"{path}: {what} is not finite: give numbers, or three NaN where a marker was not seen")
-    step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-    rate = f"{1 / step:.9g}" if step > 0 else "1"
-    keys = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units")
-    original = ("OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")
+    keys = _keys_to_write(path, times, n, unit, header or {})
     lines = [
         f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
-        "\t".join((*keys, *original)),
-        "\t".join([rate, rate, str(len(times)), str(n), unit, rate, "1", str(len(times))]),
+        "\t".join(keys),
+        "\t".join(keys.values()),
         "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
         "\t\t" + "\t".join(f"{axis}{i}" for i in range(1, n + 1) for axis in "XYZ"),
         "",
     ]
     for frame, (t, row) in enumerate(zip(times.tolist(), points.reshape(len(times), -1).tolist(), strict=True), 1):
-        lines.append("\t".join([str(frame), repr(t), *(_word(x, -_SHIFTS[unit]) for x in row)]))
+        lines.append("\t".join([str(frame), repr(t), *(_word(x, -SHIFTS[unit]) for x in row)]))
     with written_whole(path) as temporary:
         temporary.write_text("\n".join([*lines, ""]), encoding="utf-8", newline="\n")
+
+
+def rewrite_markers(path: str | os.PathLike[str], table: MarkerTable) -> None:
+    """Write markers as they were read, with the file's unit and header keys; markers of a .c3d become a .trc.
+
+    Frames are numbered from 1.
+
+    Raises:
+        OutputError: see `write_trc`.
+    """
+    write_trc(path, table.names, table.time, table.positions, unit=table.unit, header=table.header)
+
+
+def _keys_to_write(path: Path, time: Array, n_marker: int, unit: str, given: Mapping[str, str]) -> dict[str, str]:
+    """The header's keys and values, those that OpenSim wants first."""
+    for key, value in given.items():
+        if any(not word or word != word.strip() or any(c in word for c in "\t\r\n\0") for word in (key, value)):
+            raise OutputError(
+                f"{path}: header {key!r}, {value!r} cannot be written: one is empty, begins or ends with a blank, or "
+                "has a tab or line end: correct it"
+            )
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    rate = f"{1 / step:.9g}" if step > 0 else "1"
+    said = look_up(dict(given), "datarate")
+    if said is not None and is_number(said[1]) and abs(float(said[1]) * step - 1) <= _RATE_TOLERANCE:
+        rate = said[1]
+    keys = dict.fromkeys((*_FIRST_KEYS, *_ORIGINAL), rate)
+    keys |= {"NumFrames": str(len(time)), "NumMarkers": str(n_marker), "Units": unit}
+    keys |= {"OrigDataStartFrame": "1", "OrigNumFrames": str(len(time))}
+    places = {key.lower(): key for key in keys}
+    for key, value in given.items():
+        if key.lower() not in (*_COUNTED, "datarate"):
+            keys[places.get(key.lower(), key)] = value
+    return keys
 
 
 def _word(value: float, shift: int) -> str:
@@ -193,12 +257,12 @@ def _read_header(path: Path, lines: list[str]) -> tuple[dict[str, str], int]:
     return dict(zip(keys, values, strict=False)), labels_at
 
 
-def _shift(path: Path, header: dict[str, str]) -> int:
+def _unit(path: Path, header: dict[str, str]) -> str:
     entry = look_up(header, "units")
     said = entry[1] if entry else ""
-    if said.lower() not in _UNITS:
+    if said.lower() not in UNIT_NAMES:
         raise MotionError(f"{path}: the header gives Units as {said!r}: write mm, cm or m")
-    return _SHIFTS[_UNITS[said.lower()]]
+    return UNIT_NAMES[said.lower()]
 
 
 def _marker_names(path: Path, at: int, line: str) -> tuple[str, ...]:

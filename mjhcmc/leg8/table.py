@@ -28,6 +28,9 @@ MUSCLES: tuple[str, ...] = (
 JOINTS: tuple[str, ...] = ("hip", "knee", "ankle")
 """The three hinges in the order of the model's coordinates."""
 
+ROOT_JOINTS: tuple[str, ...] = ("pelvis_tx", "pelvis_ty", "pelvis_tilt")
+"""The joints of a pelvis that moves in the sagittal plane, before the three hinges; OpenSim's names."""
+
 
 def table_path() -> Path:
     """Where the parameter table lies, in the package itself."""

@@ -26,8 +26,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc import dynamics
 from mjhcmc.errors import MjhcmcWarning, SettingsError
+from mjhcmc.external_loads import ExternalLoads
 from mjhcmc.joint_moments import JointMoments
-from mjhcmc.methods.run import Driver, Inputs, Progress, Separately, Team, rate_at, reserve_price, run, static_start
+from mjhcmc.methods.run import (
+    Driver,
+    Inputs,
+    Progress,
+    Separately,
+    Team,
+    needs,
+    rate_at,
+    reserve_price,
+    run,
+    static_start,
+)
 from mjhcmc.methods.windows import Windows, check_flag, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
@@ -61,6 +73,7 @@ def cmc(
     look_ahead: float | None = None,
     kp: float | None = None,
     kv: float | None = None,
+    loads: ExternalLoads | None = None,
     plant: MujocoPlant | None = None,
     progress: Progress | None = None,
 ) -> Solution:
@@ -87,6 +100,7 @@ def cmc(
         kp: 1/s^2, position gain: 2500 by default, less where dt is above 16 ms. OpenSim's 100 follows fast movements
             less well (benchmarks/cmc_gains.py).
         kv: 1/s, velocity gain; 2 sqrt(kp), critical damping, by default.
+        loads: measured forces on the model's bodies.
         plant: what is stepped.
         progress: called with (windows solved, windows in all).
 
@@ -101,7 +115,7 @@ def cmc(
     """
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
-        cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
+        loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
         solver=solver,
     )  # fmt: skip
     method = _Cmc(reserves, _steps_ahead(look_ahead, windows), *_gains(kp, kv, windows.dt))
@@ -176,20 +190,25 @@ class _Cmc:
 
     def _window(self, windows: Windows, k: int, state: State, before: Inputs) -> Inputs:
         """The inputs of window k, which begins in a state, after those of the window before."""
-        plant, reference = windows.plant, windows.reference
+        plant, reference, space = windows.plant, windows.reference, windows.model.coordinates
         n_step = round(self.look_ahead / plant.physics_dt)
         ahead = windows.reference_at(reference.time[k] + n_step * plant.physics_dt)
-        q_error, v_error = reference.qpos[k] - state.qpos, reference.qvel[k] - state.qvel
+        q_error, v_error = space.difference(reference.qpos[k], state.qpos), reference.qvel[k] - state.qvel
         qacc = ahead.qacc[0] + self.kv * v_error + self.kp * q_error
-        rate = rate_at(plant, state, before.reserve)
-        expected = replace(state, time=float(ahead.time[0]), qpos=ahead.qpos[0] - q_error, qvel=ahead.qvel[0] - v_error)
+        if not space.all_tracked:  # feedback is for what muscles move; what is tied to it follows
+            N = np.eye(space.nv) if windows.tangents is None else windows.tangents[k]
+            q_error, v_error = (N[:, space.tracked] @ space.of(error) for error in (q_error, v_error))
+            qacc = ahead.qacc[0] + self.kv * v_error + self.kp * q_error
+        rate = rate_at(windows, state, before.reserve)
+        qpos = space.moved(ahead.qpos[0], -q_error)
+        expected = replace(state, time=float(ahead.time[0]), qpos=qpos, qvel=ahead.qvel[0] - v_error)
         outlook = plant.outlook(state, expected, n_step, windows.sharing.min_activation)
         sharing = windows.sharing.unbounded  # the outlook's bounds hold the least activation
-        moments = dynamics.muscle_moments(plant, damping=windows.sharing.counts_forces)
-        Q = dynamics.required_moment(plant, qacc, moments.p)
+        needed = needs(windows, qpos, qacc)
         activation, lacking = self._targets(
-            sharing, moments, Q, (outlook.low, outlook.high), dynamics.mass_matrix(plant), before=state.activation
+            sharing, needed.moments, needed.Q, (outlook.low, outlook.high), needed.M, before=state.activation
         )
+        lacking = space.full(lacking)
         return Inputs(
             excitation=sharing.excitation(outlook.excitation(activation)),
             reserve=lacking if self.reserves else np.zeros_like(lacking),

@@ -8,6 +8,7 @@ T = max(10 ms, 1.2 dt). With rigid tendons T is the window.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,10 +66,10 @@ class ForceDriver(HcmcDriver):
         path = plants.path(ids, rows)
         trial = rows, path, kp, kv
         if plants.muscles.compliant:  # rigid muscles answer so fast that the last window's inputs are a better start
-            view = plants.view(ids, expected, team.reserve[at], stiffness=False)
+            view = self._view(k, ids, expected, stiffness=False)
             self._correct_by(k, ids, at, view, goal - view.around.qacc, trial, tried=False)
         ends = plants.step(ids, rows, team.excitation[at], team.reserve[at], self._n_step)
-        view = plants.view(ids, ends, team.reserve[at])
+        view = self._view(k, ids, ends)
         missing = self._missing(k, at, (kp, kv), ends, view.around.qacc)
         size = self._size(at, missing)
         whom: Index = slice(None)  # which of the call's simulations are still corrected
@@ -79,7 +80,7 @@ class ForceDriver(HcmcDriver):
             kept = [values[where].copy() for values in (team.excitation, team.reserve, team.shortfall)]
             sound = self._correct_by(k, who, where, view, missing, tuple(part[whom] for part in trial), tried=True)
             anew = plants.step(who, rows[whom], team.excitation[where], team.reserve[where], self._n_step)
-            view = plants.view(who, anew, team.reserve[where])
+            view = self._view(k, who, anew)
             left = self._missing(k, where, (kp[whom], kv[whom]), anew, view.around.qacc)
             found = self._size(where, left)
             worse = ~(sound & (found < size[whom])) if plants.muscles.compliant else np.zeros(len(who), dtype=bool)
@@ -98,10 +99,18 @@ class ForceDriver(HcmcDriver):
             missing = left
         if self._n_step > team.n_step:
             ends = plants.step(ids, rows, team.excitation[at], team.reserve[at], team.n_step)
-        self._qacc_at[at] = plants.acceleration(ids, ends, team.reserve[at])
+        self._qacc_at[at] = self._space.of(plants.acceleration(ids, ends, team.reserve[at]))
         self._look_at_stiff(k, ids, at, ends)
         team.fastest_rate[at] = np.maximum(team.fastest_rate[at], self._internal[at])
         return ends
+
+    def _view(self, k: int, ids: Ids, rows: Array, *, stiffness: bool = True) -> MuscleView:
+        """What muscles do around states at the end of window k, seen from the tracked degrees of freedom."""
+        view = self._plants.view(ids, rows, self._team.reserve[self._which(ids)], stiffness=stiffness)
+        if self._space.all_tracked:
+            return view
+        W = self._weights(k + 1, ids, view.around.M)
+        return replace(view, around=self._seen(view.around, W), R=view.R @ W)
 
     def _size(self, at: Index, missing: Array) -> Array:
         """(b,) what is missed, in what may be missed."""
@@ -118,7 +127,7 @@ class ForceDriver(HcmcDriver):
         team, price, sharing = self._team, self._price[at], self._sharing
         rows, path, kp, kv = trial
         ahead = Ahead(
-            ids, rows, path, team.excitation[at], team.reserve[at], missing, view, kp, kv, team.physics_dt,
+            ids, rows, path, team.excitation[at], self._space.of(team.reserve[at]), missing, view, kp, kv, team.physics_dt,
             self._n_step, tried,
         )  # fmt: skip
         correction, sound = correct_forces(

@@ -38,6 +38,7 @@ from numpy.typing import ArrayLike
 
 from mjhcmc.checks import is_number
 from mjhcmc.errors import SettingsError
+from mjhcmc.external_loads import ExternalLoads
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.methods.hcmc_driver import HcmcDriver
 from mjhcmc.methods.run import Driver, Inputs, Progress, Team, run, static_start
@@ -71,6 +72,7 @@ def hcmc(
     tolerance: float = 0.1,
     gain: float = 2.7,
     authority: float = 0.15,
+    loads: ExternalLoads | None = None,
     plant: MujocoPlant | None = None,
     progress: Progress | None = None,
 ) -> Solution:
@@ -100,6 +102,7 @@ def hcmc(
             method's own error does.
         gain: feedback bandwidth times dt: errors are to vanish in about dt/gain. Beyond 3 excitations ring.
         authority: share of the muscles' acceleration that feedback may ask for.
+        loads: measured forces on the model's bodies, such as ground reactions (see `ExternalLoads`).
         plant: what is stepped; the model in MuJoCo by default.
         progress: called with (windows solved, windows in all).
 
@@ -116,7 +119,7 @@ def hcmc(
     """
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
-        cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
+        loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
         solver=solver,
     )  # fmt: skip
     return run(Hcmc(reserves, trials, tolerance, gain, authority), windows, progress)

@@ -77,27 +77,29 @@ class HcmcDriver:
     def __init__(self, settings: Hcmc, team: Team) -> None:
         self._settings, self._team, self._layout = settings, team, team.plants.layout
         windows = team.windows
-        b, n, nv = len(windows), windows[0].model.n_muscle, windows[0].model.nv
         models = [w.model for w in windows]
+        self._space = models[0].coordinates
+        b, n, nz = len(windows), models[0].n_muscle, self._space.nz
+        self._tied = self._space.roles.dependent
         self._sharing = together([w.sharing for w in windows])
         self._reach = Reach(
             np.stack([m.activation_parameters for m in models]), np.stack([m.excitation_range for m in models]),
             team.physics_dt, team.n_step,
         )  # fmt: skip
         self._ahead, self._authority = team.dt, float(settings.authority)
-        now = self._references([w.reference for w in windows])
+        of, now = self._space.of, self._references([w.reference for w in windows])
         self._qpos, self._qvel = now[0], now[1]
         self._goal_qpos, self._goal_qvel, self._goal_qacc = (values[1:] for values in now)
-        rms = np.stack([w.rms_qacc for w in windows])
+        rms = of(np.stack([w.rms_qacc for w in windows]))
         self._least_authority = rms if settings.reserves else np.zeros_like(rms)
-        self._largest = np.abs(now[2]).max(axis=(0, 2))
+        self._largest = np.abs(of(now[2])).max(axis=(0, 2))
         share = settings.tolerance * min(1.0, (team.dt / _USUAL_DT) ** 2)
         # a joint held still is judged by those that move
-        hinge = np.stack([m.joint_is_rotation for m in models])
+        hinge = of(np.stack([m.dof_is_rotation for m in models]))
         others = np.where(hinge, (rms * hinge).max(axis=1)[:, None], (rms * ~hinge).max(axis=1)[:, None])
         self._missable = share * np.maximum(rms, _OF_OTHERS * others)
-        self._M, self._B, self._K = np.empty((b, nv, nv)), np.empty((b, nv, n)), np.empty((b, nv, nv))
-        self._qacc_at, self._before, self._price = np.empty((b, nv)), np.empty((b, n)), np.zeros((b, nv))
+        self._M, self._B, self._K = np.empty((b, nz, nz)), np.empty((b, nz, n)), np.empty((b, nz, nz))
+        self._qacc_at, self._before, self._price = np.empty((b, nz)), np.empty((b, n)), np.zeros((b, nz))
 
     def _references(self, references: Sequence[Reference]) -> tuple[Array, Array, Array]:
         """Desired positions, velocities and accelerations of all simulations, (n, b, nv)."""
@@ -115,27 +117,23 @@ class HcmcDriver:
         if k == 0:
             self._look_around(ids, at, rows)
         kp, kv, goal, expected = self._aim(k, at, rows, activation)
-        around = plants.linearize(
-            ids, expected, team.reserve[at], stiffness=k % _STIFFNESS_EVERY == 0, damping=self._sharing.counts_forces
-        )
+        around = self._look(k + 1, ids, expected, stiffness=k % _STIFFNESS_EVERY == 0)
         self._keep(at, around)
         here = _Here(k, ids, at, rows, activation, kp, kv, around)
         self._correct(here, expected, goal - around.qacc, team.dt, 0)
         ends, step, n_step = self._trial(here)
-        qacc = plants.acceleration(ids, ends, team.reserve[at])
+        qacc = self._space.of(plants.acceleration(ids, ends, team.reserve[at]))
         final: Array | None = None
         whom: Index = slice(None)  # which of the call's simulations are corrected
         for trial in range(settings.trials):
             if trial > 0:  # the end that was expected is not where it ended
-                there = plants.linearize(
-                    here.ids, ends, team.reserve[here.at], stiffness=True, damping=self._sharing.counts_forces
-                )
+                there = self._look(k + 1, here.ids, ends, stiffness=True)
                 here = here._replace(around=there)
                 self._keep(here.at, there)
             self._correct(here, ends, self._missing(k, here.at, (here.kp, here.kv), ends, qacc), step, n_step)
             ends = plants.step(here.ids, here.rows, team.excitation[here.at], team.reserve[here.at], team.n_step)
             step, n_step = team.physics_dt, team.n_step
-            qacc = plants.acceleration(here.ids, ends, team.reserve[here.at])
+            qacc = self._space.of(plants.acceleration(here.ids, ends, team.reserve[here.at]))
             self._qacc_at[here.at] = qacc
             if final is None:
                 final = ends
@@ -162,7 +160,7 @@ class HcmcDriver:
 
     def _look_around(self, ids: Ids, at: Index, rows: Array) -> None:
         """What the first window needs to know of its start."""
-        found = self._team.plants.linearize(ids, rows, self._team.reserve[at])
+        found = self._look(0, ids, rows, stiffness=False)
         self._keep(at, found)
         self._qacc_at[at], self._before[at] = found.qacc, rows[:, self._layout.activation]
 
@@ -177,13 +175,36 @@ class HcmcDriver:
         if not suspect.size:
             return
         who = ids[suspect]
-        found = team.plants.linearize(who, ends[suspect], team.reserve[who])
+        found = self._look(k + 1, who, ends[suspect], stiffness=False)
         for j, i in enumerate(who.tolist()):
             if _finite(found.M[j], found.D[j]):
                 team.fastest_rate[i] = decay_rate(found.M[j], found.D[j])
-            missed = np.abs(self._goal_qacc[k, i] - found.qacc[j]).max()
+            missed = np.abs(self._space.of(self._goal_qacc[k, i]) - found.qacc[j]).max()
             if team.fastest_rate[i] > limit and not missed <= _RUN_AWAY * self._largest[i]:
                 ends[suspect[j]] = np.nan
+
+    def _look(self, node: int, ids: Ids, rows: Array, *, stiffness: bool) -> Linearization:
+        """What forces do around states near a node, seen from the tracked degrees of freedom."""
+        found = self._team.plants.linearize(
+            ids, rows, self._team.reserve[self._which(ids)], stiffness=stiffness, damping=self._sharing.counts_forces
+        )
+        return found if self._space.all_tracked else self._seen(found, self._weights(node, ids, found.M))
+
+    def _weights(self, node: int, ids: Ids, M: Array) -> Array:
+        """W (b, nv, nz) of `coordinates`; the tangent is that of the desired motion."""
+        each = [self._space.seen_from_tracked(self._tangent(node, int(i)), m) for i, m in zip(ids, M, strict=True)]
+        return np.stack(each)
+
+    def _seen(self, found: Linearization, W: Array) -> Linearization:
+        """The same from the tracked degrees of freedom; see `coordinates`."""
+        back = np.swapaxes(W, 1, 2)
+        K = None if found.K is None else back @ found.K @ W
+        qacc, M, B, D = self._space.of(found.qacc), back @ found.M @ W, back @ found.B, back @ found.D @ W
+        return found._replace(qacc=qacc, M=M, B=B, D=D, K=K)
+
+    def _tangent(self, node: int, i: int) -> Array | None:
+        tangents = self._team.windows[i].tangents
+        return None if tangents is None else tangents[min(node, len(tangents) - 1)]
 
     def _keep(self, at: Index, found: Linearization) -> None:
         self._M[at], self._B[at] = found.M, found.B
@@ -206,17 +227,56 @@ class HcmcDriver:
         either way. Where reserves help it is at least the rms of q''_d, or a motion beyond the muscles would be fed
         forward and not fed back. A joint that nothing limits keeps gain/h.
         """
-        layout, settings, h = self._layout, self._settings, self._ahead
-        qacc = self._qacc_at[at]
-        kp, kv, goal, expected = np.empty_like(qacc), np.empty_like(qacc), np.empty_like(qacc), rows.copy()
+        layout, settings, h, space = self._layout, self._settings, self._ahead, self._space
+        qacc, q, v = self._qacc_at[at], rows[:, layout.qpos], space.of(rows[:, layout.qvel])
+        kp, kv, goal, way, speed = (np.empty_like(qacc) for _ in range(5))
+        ahead = space.difference(self._goal_qpos[k, at], q)
         _fill_aim(
-            self._M[at], self._B[at], self._qpos[k, at], self._qvel[k, at], self._goal_qpos[k, at],
-            self._goal_qvel[k, at], self._goal_qacc[k, at], qacc, layout.qpos.start, layout.qvel.start,
-            self._least_authority[at], self._authority, float(settings.gain), h, kp, kv, goal, expected,
+            self._M[at], self._B[at], space.of(space.difference(self._qpos[k, at], q)), space.of(self._qvel[k, at]),
+            space.of(ahead), space.of(self._goal_qvel[k, at]), space.of(self._goal_qacc[k, at]), v, qacc,
+            self._least_authority[at], self._authority, float(settings.gain), h, kp, kv, goal, way, speed,
         )  # fmt: skip
+        expected = rows.copy()
+        if not space.all_tracked:
+            way, speed = self._whole(k, at, rows, ahead, way, speed)
+        expected[:, layout.qpos] = space.moved(q, way)
+        expected[:, layout.qvel] = speed
         expected[:, layout.time] += h
         expected[:, layout.activation] = np.clip(2 * activation - self._before[at], 0.0, 1.0)
         return kp, kv, goal, expected
+
+    def _whole(
+        self, k: int, at: Index, rows: Array, ahead: Array, way: Array, speed: Array
+    ) -> tuple[Array, Array]:
+        """Way and velocity (b, nv) of all degrees of freedom over window k, from those of the tracked ones.
+
+        What is prescribed goes with the motion, what is tied with it and with how far the tracked are off it, what is
+        free goes on as it does.
+
+        Args:
+            k: the window.
+            at: rows of the simulations in arrays of the team.
+            rows: (b, n_row) their states.
+            ahead: (b, nv) the way to the desired position.
+            way: (b, nz).
+            speed: (b, nz).
+        """
+        space, roles, wanted = self._space, self._space.roles, self._goal_qvel[k, at]
+        whole, fast = space.full(way), space.full(speed)
+        for led in (roles.prescribed, roles.dependent):
+            whole[:, led], fast[:, led] = ahead[:, led], wanted[:, led]
+        if len(roles.free):
+            fast[:, roles.free] = rows[:, self._layout.qvel][:, roles.free]
+            whole[:, roles.free] = self._ahead * fast[:, roles.free]
+        if len(roles.dependent):
+            off, off_speed = way - space.of(ahead), speed - space.of(wanted)
+            for j, i in enumerate(np.arange(len(self._price))[at]):
+                N = self._tangent(k + 1, int(i))
+                assert N is not None  # something is dependent
+                N = N[np.ix_(roles.dependent, space.tracked)]
+                whole[j, roles.dependent] += N @ off[j]
+                fast[j, roles.dependent] += N @ off_speed[j]
+        return whole, fast
 
     def _trial(self, here: _Here) -> tuple[Array, float, int]:
         """The ends of a window with the inputs so far; and the physics step and steps that it took.
@@ -241,16 +301,17 @@ class HcmcDriver:
 
     def _missing(self, k: int, at: Index, gains: tuple[Array, Array], ends: Array, qacc: Array) -> Array:
         """(b, nv) rad/s^2, r of the module's docstring, under gains kp and kv."""
-        layout, (kp, kv) = self._layout, gains
-        v_error, q_error = self._goal_qvel[k, at] - ends[:, layout.qvel], self._goal_qpos[k, at] - ends[:, layout.qpos]
-        r: Array = self._goal_qacc[k, at] + kv * v_error + kp * q_error - qacc
+        layout, (kp, kv), space = self._layout, gains, self._space
+        v_error = space.of(self._goal_qvel[k, at] - ends[:, layout.qvel])
+        q_error = space.of(space.difference(self._goal_qpos[k, at], ends[:, layout.qpos]))
+        r: Array = space.of(self._goal_qacc[k, at]) + kv * v_error + kp * q_error - qacc
         return r
 
     def _correct(self, here: _Here, ends: Array, missing: Array, step: float, n_step: int) -> None:
         """Put corrected inputs into the team, after a trial of n_step steps; none: at the expected end."""
         team, at, found = self._team, here.at, here.around
         trial = Trial(
-            here.activation, team.excitation[at], team.reserve[at],
+            here.activation, team.excitation[at], self._space.of(team.reserve[at]),
             np.ascontiguousarray(ends[:, self._layout.activation]), missing, found.M, found.B, found.gain, found.bias,
             found.D, self._K[at], here.kp, here.kv, step, n_step,
         )  # fmt: skip
@@ -271,8 +332,9 @@ class HcmcDriver:
             if ours or not _finite(*(part[j] for part in seen)):  # ours does not fail where numbers make sense
                 error = diverged(team.windows[i], k)
             team.errors.setdefault(i, error)
-        team.excitation[at], team.shortfall[at] = correction.excitation, correction.shortfall
-        team.reserve[at] = correction.shortfall if self._settings.reserves else 0.0
+        shortfall = self._space.full(correction.shortfall)
+        team.excitation[at], team.shortfall[at] = correction.excitation, shortfall
+        team.reserve[at] = shortfall if self._settings.reserves else 0.0
         team.fastest_rate[at] = correction.fastest_rate
 
 
@@ -282,9 +344,13 @@ def _finite(*parts: Array) -> bool:
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _fill_aim(  # type: ignore[no-untyped-def]
-    M, B, qpos, qvel, next_qpos, next_qvel, next_qacc, at_start, q0, v0, least, authority, gain, h, kp, kv, goal, rows
+    M, B, error, qvel, next_error, next_qvel, next_qacc, v_now, at_start, least, authority, gain, h, kp, kv, goal, way,
+    speed,
 ):  # fmt: skip
-    """Fill kp, kv and goal (b, nv), and move the rows (b, n_row) from the start to the expected end."""
+    """Fill kp, kv and goal (b, nz), and the way and the velocity (b, nz) at which the window should end.
+
+    error and next_error are the desired positions now and at the window's end, less the position now.
+    """
     b, nv, n = B.shape
     used, reach = np.empty((nv, nv)), np.empty((nv, n))
     for s in range(b):
@@ -300,8 +366,8 @@ def _fill_aim(  # type: ignore[no-untyped-def]
                 up += max(reach[j, i], 0.0)
                 down += max(-reach[j, i], 0.0)
             alpha = max(authority * min(up, down), least[s, j])
-            q, v, a = rows[s, q0 + j], rows[s, v0 + j], at_start[s, j]
-            e, e_rate = abs(qpos[s, j] - q), abs(qvel[s, j] - v)
+            v, a = v_now[s, j], at_start[s, j]
+            e, e_rate = abs(error[s, j]), abs(qvel[s, j] - v)
             denominator = e_rate + np.sqrt(e_rate * e_rate + alpha * e)
             w = gain / h
             damped = 1.0 - gain / 6.0
@@ -310,8 +376,8 @@ def _fill_aim(  # type: ignore[no-untyped-def]
             kp[s, j] = w * w
             kv[s, j] = 2.0 * w * damped
             v_error = next_qvel[s, j] - v - h / 2 * a
-            q_error = next_qpos[s, j] - q - h * v - h * h / 3 * a
+            q_error = next_error[s, j] - h * v - h * h / 3 * a
             c = 1.0 + kv[s, j] * h / 2 + kp[s, j] * h * h / 6
             goal[s, j] = (next_qacc[s, j] + kv[s, j] * v_error + kp[s, j] * q_error) / c
-            rows[s, v0 + j] = v + h / 2 * (a + goal[s, j])
-            rows[s, q0 + j] = q + h * v + h * h / 3 * a + h * h / 6 * goal[s, j]
+            speed[s, j] = v + h / 2 * (a + goal[s, j])
+            way[s, j] = h * v + h * h / 3 * a + h * h / 6 * goal[s, j]

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mjhcmc.dynamics import tied
 from mjhcmc.errors import DivergedError, SimulationError
 from mjhcmc.lockstep import Plants
 from mjhcmc.methods.windows import Windows
 from mjhcmc.solution import Solution, window_status
+from mjhcmc.surroundings import coordinates_of
 
 if TYPE_CHECKING:
     from mjhcmc.methods.run import Team
@@ -117,8 +119,19 @@ class Record:
         reserve, shortfall = self._reserve[:n, i], self._shortfall[:n, i]
         # a node has the reserve of the window that starts there, the last that of the window that ends there
         at_nodes = self._plants.nodes(i, rows, np.concatenate([reserve, reserve[-1:]]))
+        if model.coupling is not None:
+            tangents = np.stack([model.coupling.tangent(q) for q in rows[:, layout.qpos]])
+            at_nodes = tied(at_nodes, tangents)
         moment, times = at_nodes.net_joint_moment, windows.reference.time[: n + 1]
-        qpos, desired = rows[:, layout.qpos], windows.reference.qpos[: n + 1]
+        qpos, desired = rows[:, layout.qpos], windows.reference.qpos[: n + 1].copy()
+        roles = model.roles
+        free = coordinates_of(model.mj_model, roles.free)
+        desired[:, free] = qpos[:, free]  # nothing is desired of them
+        residual = np.zeros_like(moment)
+        held = roles.prescribed
+        residual[:, held] = (moment - at_nodes.muscle_moment)[:, held]
+        root = roles.is_root & np.isin(np.arange(model.nv), roles.tracked)
+        residual[:, root] = np.concatenate([reserve, reserve[-1:]])[:, root]
         given = windows.joint_moments
         everything = {
             "model": model.name,
@@ -129,6 +142,10 @@ class Record:
             **windows.sharing.options,
             **self._settings,
         }
+        if not roles.all_tracked:
+            everything["roles"] = [str(role) for role in roles.of]
+        if roles.is_root.any():
+            everything["root"] = [name for name, at_root in zip(model.dof_names, roles.is_root, strict=True) if at_root]
         hosted = windows.own_plant.hosted if windows.own_plant is not None else None
         if hosted is not None:
             everything["muscles"] = hosted.settings()
@@ -142,8 +159,9 @@ class Record:
             qpos=qpos,
             qpos_desired=desired,
             qvel=rows[:, layout.qvel],
-            tracking_error=qpos - desired,
+            tracking_error=model.coordinates.difference(qpos, desired),
             net_joint_moment=moment,
+            residual=residual,
             muscle_force=at_nodes.muscle_force,
             reserve=reserve,
             shortfall=shortfall,
@@ -151,11 +169,11 @@ class Record:
             status=window_status(moment, reserve, shortfall, self._rate[:n, i] * windows.physics_dt),
             muscle_names=model.muscle_names,
             dof_names=model.dof_names,
-            dof_is_rotation=model.joint_is_rotation.copy(),
+            dof_is_rotation=model.dof_is_rotation.copy(),
             settings=everything,
             interrupted=interrupted,
             model=model,
-            external=windows.external,
+            surroundings=windows.surroundings,
             fiber_length=rows[:, layout.fiber] if rows[:, layout.fiber].size else None,
             muscles=hosted,
         )

@@ -59,6 +59,8 @@ class Inputs:
         reserve: (nv,) N m, applied.
         shortfall: (nv,) N m, what the muscles cannot give at the window's end.
         fastest_rate: 1/s, decay rate of the velocities at one end of the window, or a bound on it that is harmless.
+
+    Reserves and shortfalls of degrees of freedom that are not tracked are 0.
     """
 
     excitation: Array
@@ -268,7 +270,7 @@ def _plants(windows: Sequence[Windows], threads: int) -> Plants:
         return lockstep_of(own, threads)
     if own:
         return OneByOne(own)
-    return Lockstep([w.model for w in windows], windows[0].physics_dt, [w.external for w in windows], threads)
+    return Lockstep([w.model for w in windows], windows[0].physics_dt, [w.surroundings for w in windows], threads)
 
 
 def _start(method: Method, team: Team, i: int) -> State:
@@ -297,31 +299,63 @@ def static_start(windows: Windows, *, reserves: bool) -> tuple[State, Inputs]:
     plant.set_state(start if given else replace(start, activation=np.zeros(model.n_muscle)))
     plant.set_input(None, np.zeros(model.nv))
     plant.forward()
-    moments = dynamics.muscle_moments(plant, damping=sharing.counts_forces, steady=True)
-    Q = dynamics.required_moment(plant, windows.reference.qacc[0], moments.p)
+    needed = needs(windows, start.qpos, windows.reference.qacc[0], steady=True)
     low, high = model.excitation_range.T
-    price = reserve_price(dynamics.mass_matrix(plant), reserves=reserves)
-    found = sharing.allocate(sharing.problem(moments, Q, low, high, price, None))
+    price = reserve_price(needed.M, reserves=reserves)
+    found = sharing.allocate(sharing.problem(needed.moments, needed.Q, low, high, price, None))
     activation = plant.steady_activation(found.activation)
     if plant.hosted is not None:
         activation = np.maximum(activation, np.where(sharing.disabled, 0.0, np.minimum(sharing.min_activation, high)))
     state = start if given else replace(start, activation=activation)
+    lacking = model.coordinates.full(found.reserve)
     inputs = Inputs(
         excitation=sharing.excitation(np.clip(state.activation, low, high)),
-        reserve=found.reserve if reserves else np.zeros(model.nv),
-        shortfall=found.reserve,
+        reserve=lacking if reserves else np.zeros(model.nv),
+        shortfall=lacking,
         fastest_rate=0.0,
     )
     return state, inputs
 
 
-def rate_at(plant: MujocoPlant, state: State, reserve: NDArray[np.float64]) -> float:
+@dataclass(frozen=True)
+class Needs:
+    """What muscles face at a state, seen from the tracked degrees of freedom.
+
+    Attributes:
+        moments: of the muscles, with B (nz, n_muscle); p is that of all degrees of freedom.
+        Q: (nz,) N m, that activation should supply.
+        M: (nz, nz) kg m^2.
+    """
+
+    moments: dynamics.MuscleMoments
+    Q: Array
+    M: Array
+
+
+def needs(windows: Windows, qpos: Array, qacc: Array, *, steady: bool = False) -> Needs:
+    """What accelerations (nv,) take at the plant's last `forward`, at a position (nq,); see `dynamics`."""
+    plant = windows.plant
+    moments = dynamics.muscle_moments(plant, damping=windows.sharing.counts_forces, steady=steady)
+    Q = dynamics.required_moment(plant, qacc, moments.p)
+    M = dynamics.mass_matrix(plant)
+    if windows.model.roles.all_tracked:
+        return Needs(moments, Q, M)
+    W = windows.seen_from_tracked(qpos, M)
+    return Needs(replace(moments, B=W.T @ moments.B), W.T @ Q, W.T @ M @ W)
+
+
+def rate_at(windows: Windows, state: State, reserve: NDArray[np.float64]) -> float:
     """Decay rate of the velocities at a state, 1/s, for methods that do not look at it anyway."""
+    plant = windows.plant
     plant.set_state(state)
     plant.set_input(None, reserve)
     plant.forward()
     M, internal = dynamics.mass_matrix(plant), plant.internal_rate()
-    return max(internal, decay_rate(M, dynamics.damping_matrix(plant), RK4_LIMIT / plant.physics_dt))
+    D = dynamics.damping_matrix(plant)
+    if not windows.model.roles.all_tracked:
+        W = windows.seen_from_tracked(state.qpos, M)
+        M, D = W.T @ M @ W, W.T @ D @ W
+    return max(internal, decay_rate(M, D, RK4_LIMIT / plant.physics_dt))
 
 
 def reserve_price(M: NDArray[np.float64], *, reserves: bool) -> NDArray[np.float64]:

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjhcmc import dynamics
 from mjhcmc.allocation import Allocation
+from mjhcmc.external_loads import ExternalLoads
 from mjhcmc.joint_moments import JointMoments
-from mjhcmc.methods.run import Driver, Inputs, Progress, Separately, Team, rate_at, reserve_price, run
+from mjhcmc.methods.run import Driver, Inputs, Progress, Separately, Team, needs, rate_at, reserve_price, run
 from mjhcmc.methods.windows import Windows, check_flag, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
@@ -42,6 +42,7 @@ def static_optimization(
     disabled: Sequence[str] = (),
     solver: str = "newton",
     joint_moments: JointMoments | None = None,
+    loads: ExternalLoads | None = None,
     plant: MujocoPlant | None = None,
     progress: Progress | None = None,
 ) -> Solution:
@@ -63,6 +64,7 @@ def static_optimization(
         disabled: names of muscles that stay switched off.
         solver: of the allocation.
         joint_moments: to share in place of those of inverse dynamics.
+        loads: measured forces on the model's bodies.
         plant: what is stepped.
         progress: called with (windows solved, windows in all).
 
@@ -78,7 +80,7 @@ def static_optimization(
     """
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
-        cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
+        loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
         solver=solver,
     )  # fmt: skip
     check_flag("reserves", reserves)
@@ -112,17 +114,17 @@ def _plan(windows: Windows, *, reserves: bool) -> _Plan:
         plant.set_state(State(float(time), reference.qpos[k], reference.qvel[k], rest, zero))
         plant.set_input(None, zero)
         plant.forward()
-        moments = dynamics.muscle_moments(plant, damping=sharing.counts_forces, steady=True)
-        Q = dynamics.required_moment(plant, reference.qacc[k], moments.p)
-        price = reserve_price(dynamics.mass_matrix(plant), reserves=reserves)
+        needed = needs(windows, reference.qpos[k], reference.qacc[k], steady=True)
+        price = reserve_price(needed.M, reserves=reserves)
         before = found[-1].activation if found else None
-        found.append(sharing.allocate(sharing.problem(moments, Q, low, high, price, before)))
+        found.append(sharing.allocate(sharing.problem(needed.moments, needed.Q, low, high, price, before)))
         settled = plant.steady_activation(found[-1].activation)
         if plant.hosted is not None:
             settled = np.maximum(settled, np.where(sharing.disabled, 0.0, np.minimum(sharing.min_activation, high)))
         activation.append(settled)
-        B.append(moments.B)
-    return _Plan(np.array(activation), np.array([f.reserve for f in found]), np.array(B))
+        B.append(model.coordinates.full(needed.moments.B.T).T)
+    lacking = model.coordinates.full(np.array([f.reserve for f in found]))
+    return _Plan(np.array(activation), lacking, np.array(B))
 
 
 @dataclass(frozen=True)
@@ -157,4 +159,4 @@ class _Static:
         lacking = (plan.lacking[k] + plan.lacking[k + 1]) / 2
         reserve = lacking if self.reserves else np.zeros_like(lacking)
         shortfall = (reserve if self.reserves else plan.lacking[k + 1]) + unreached
-        return Inputs(excitation, reserve, shortfall, rate_at(plant, state, reserve))
+        return Inputs(excitation, reserve, shortfall, rate_at(windows, state, reserve))

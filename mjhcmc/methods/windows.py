@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,8 +16,13 @@ from mjhcmc.errors import MjhcmcWarning, MotionError, SettingsError, SimulationE
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import RANGE_ALLOWANCE, Motion, Reference, check_joint_range
-from mjhcmc.plant import RK4_LIMIT, External, MujocoPlant, State, physics_steps
+from mjhcmc.motion_on_model import fit_to_model, path_of
+from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State, physics_steps
 from mjhcmc.sharing import Sharing, share
+from mjhcmc.surroundings import Surroundings, coordinates_of
+
+if TYPE_CHECKING:
+    from mjhcmc.external_loads import ExternalLoads
 
 _POSES_CHECKED = 6  # along the motion
 _MARGIN = 0.8  # active muscles damp too
@@ -38,7 +43,7 @@ class Windows:
         start: the plant's state at the first node; its activation is NaN where it is to be solved for.
         sharing: how moments are shared among the muscles.
         joint_moments: those that a user brought along; None: none.
-        external: loads from outside; None: none.
+        surroundings: what acts from outside, and what leads prescribed joints.
         own_plant: a plant that the user handed in; None: none.
         bench: a plant of the same model to look at states with, shared with other simulations; None: none.
     """
@@ -52,15 +57,15 @@ class Windows:
     start: State
     sharing: Sharing
     joint_moments: JointMoments | None = None
-    external: External | None = None
+    surroundings: Surroundings = field(default_factory=Surroundings)
     own_plant: MujocoPlant | None = None
     bench: MujocoPlant | None = None
 
     @cached_property
     def plant(self) -> MujocoPlant:
         """What methods look at states with: the user's plant, or one of the model."""
-        shared = self.bench if self.external is None else None
-        return self.own_plant or shared or MujocoPlant(self.model, self.physics_dt, self.external)
+        shared = self.bench if self.surroundings.empty else None
+        return self.own_plant or shared or MujocoPlant(self.model, self.physics_dt, surroundings=self.surroundings)
 
     @property
     def may_be_finer(self) -> bool:
@@ -71,7 +76,7 @@ class Windows:
         """The same with that many times more physics steps."""
         step, own = self.physics_dt / times, self.own_plant
         if own is not None:
-            own = own.at(step, self.external)
+            own = own.at(step, self.surroundings)
         return replace(self, physics_dt=step, n_step=self.n_step * times, bench=None, own_plant=own)
 
     def without_plant(self) -> Windows:
@@ -88,8 +93,26 @@ class Windows:
         time = np.atleast_1d(np.asarray(time, dtype=np.float64))
         found = self.motion.sample(np.minimum(time, self.motion.end))
         beyond = np.maximum(time - self.motion.end, 0.0)[:, None]
-        qpos = found.qpos + beyond * found.qvel + beyond**2 / 2 * found.qacc
+        if not beyond.any():
+            return replace(found, time=time)
+        qpos = self.model.coordinates.moved(found.qpos, beyond * found.qvel + beyond**2 / 2 * found.qacc)
         return Reference(time, qpos, found.qvel + beyond * found.qacc, found.qacc)
+
+    @cached_property
+    def tangents(self) -> NDArray[np.float64] | None:
+        """(N+1, nv, nv) of the equalities along the desired motion, see `coupling`; None where there are none."""
+        coupling = self.model.coupling
+        return None if coupling is None else np.stack([coupling.tangent(q) for q in self.reference.qpos])
+
+    def seen_from_tracked(self, qpos: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
+        """W (nv, nz) at a position, see `coordinates`.
+
+        Args:
+            qpos: (nq,).
+            M: (nv, nv) mass matrix there.
+        """
+        coupling = self.model.coupling
+        return self.model.coordinates.seen_from_tracked(None if coupling is None else coupling.tangent(qpos), M)
 
     @property
     def count(self) -> int:
@@ -108,6 +131,7 @@ def prepare(
     joint_moments: JointMoments | None = None,
     plant: MujocoPlant | None = None,
     bench: MujocoPlant | None = None,
+    loads: ExternalLoads | None = None,
     **choices: Any,
 ) -> Windows:
     """Check the settings of a solve and lay out its windows.
@@ -123,11 +147,14 @@ def prepare(
         joint_moments: to be shared among the muscles in place of those of inverse dynamics.
         plant: what is stepped; a `MujocoPlant` at physics_dt by default. It keeps its own physics step.
         bench: see `Windows`.
+        loads: measured forces on the model's bodies.
         choices: of cost, bounds and solver, see `sharing.share`.
 
     Raises:
         SettingsError: a setting outside its valid values.
-        MotionError: a motion of other joints, or outside the joints' range; joint moments that do not cover it.
+        MotionError: a motion of other joints, outside the joints' range, or against the model's equalities; joint
+            moments or loads that do not cover it.
+        ModelError: loads on bodies that the model has not.
         SimulationError: a physics step at which the model's passive damping is unstable.
     """
     if not isinstance(model, MuscleModel) or not isinstance(motion, Motion):
@@ -144,6 +171,7 @@ def prepare(
             f"motion {motion.name!r} has {motion.qpos.shape[1]} joints, model {model.name!r} has {model.nq} "
             f"({', '.join(model.joint_names)}): build the motion for this model"
         )
+    motion = fit_to_model(motion, model)
     count = math.floor(motion.duration / dt + 1e-6)
     if count * physics_steps(dt, physics_dt) > _MOST_STEPS:
         raise SettingsError(
@@ -164,6 +192,8 @@ def prepare(
     _check_range(motion, model, reference.time, reference.qpos, f"motion {motion.name!r}")
     n_step = physics_steps(dt, physics_dt)
     step, external = dt / n_step, None
+    if loads is not None:
+        _check_loads(loads, model, motion)
     if plant is not None and (plant.model.joint_names, plant.model.muscle_names) != (
         model.joint_names, model.muscle_names
     ):  # fmt: skip
@@ -179,7 +209,7 @@ def prepare(
             "external=joint_moments.implied_load(plant, motion)"
         )
     else:
-        step, external = plant.physics_dt, plant.external
+        step, external = plant.physics_dt, plant.surroundings.external
         n_step = physics_steps(dt, step)
         if abs(n_step * step - dt) > 1e-9 * dt:
             raise SettingsError(f"the plant's step {step:g} s does not divide dt {dt:g} s: build it with dt/{n_step}")
@@ -188,11 +218,32 @@ def prepare(
             raise SettingsError(
                 f"joint_moments must be JointMoments; got {type(joint_moments).__name__}: use JointMoments.from_file"
             )
+        if loads is not None or not model.roles.all_tracked:
+            raise SettingsError(
+                "joint_moments tell what all joints of a model carry, loads from outside included: leave loads out, and "
+                "use a model whose joints are all tracked"
+            )
         joint_moments.check_covers(motion, model)
         external = joint_moments.implied_load(MujocoPlant(model, step), motion)
-        plant = None if plant is None else plant.at(step, external)
+    path = path_of(motion) if len(model.roles.prescribed) else None
+    surroundings = Surroundings(external, loads, path)
+    if plant is not None and plant.hosted is None:
+        if loads is not None or (path is not None and plant.surroundings.path is None):
+            raise SettingsError(
+                "a plant of one's own brings its surroundings with it: build it with surroundings=Surroundings(...)"
+            )
+        surroundings = plant.surroundings
+    elif plant is not None:
+        surroundings = Surroundings(external, loads or plant.surroundings.loads, path)
+        if (joint_moments, loads, path) != (None, None, None):
+            plant = plant.at(step, surroundings)
     qpos = _vector("initial_qpos", initial_qpos, reference.qpos[0])
     qvel = _vector("initial_qvel", initial_qvel, reference.qvel[0])
+    if len(model.roles.prescribed):
+        at = coordinates_of(model.mj_model, model.roles.prescribed)
+        qpos[at], qvel[model.roles.prescribed] = reference.qpos[0, at], reference.qvel[0, model.roles.prescribed]
+    if model.coupling is not None and initial_qpos is not None:
+        qpos = model.coupling.project(qpos)
     _check_range(motion, model, times[:1], qpos[None], "initial_qpos")
     activation = _vector("initial_activation", initial_activation, np.full(model.n_muscle, np.nan))
     if initial_activation is not None and (np.any(activation < 0) or np.any(activation > 1)):
@@ -208,7 +259,7 @@ def prepare(
         start,
         share(model, **choices),
         joint_moments,
-        external,
+        surroundings,
         plant,
         bench,
     )
@@ -217,10 +268,25 @@ def prepare(
     return windows
 
 
+def _check_loads(loads: ExternalLoads, model: MuscleModel, motion: Motion) -> None:
+    from mjhcmc.external_loads import ExternalLoads, suspicious
+
+    if not isinstance(loads, ExternalLoads):
+        raise SettingsError(f"loads must be ExternalLoads; got {type(loads).__name__}: use ExternalLoads.from_file")
+    loads.check_covers(motion)
+    loads.ids(model)
+    for line in suspicious(loads, model, motion):
+        warnings.warn(line, MjhcmcWarning, stacklevel=4)
+
+
 def _check_range(
     motion: Motion, model: MuscleModel, time: NDArray[np.float64], qpos: NDArray[np.float64], what: str
 ) -> None:
     remedy = "check units and signs, or widen the model's range"
+    if model.coupling is not None:  # where equalities put a joint is not the motion's doing
+        tied = coordinates_of(model.mj_model, model.roles.dependent)
+        qpos = qpos.copy()
+        qpos[:, tied] = np.clip(qpos[:, tied], *model.joint_range[tied].T)
     check_joint_range(motion, model, time, qpos, what, RANGE_ALLOWANCE, remedy)
 
 
@@ -266,7 +332,11 @@ def _check_passive_stability(windows: Windows) -> None:
         plant.forward()
         M = dynamics.mass_matrix(plant)
         internal = plant.internal_rate()
-        rate = max(internal, decay_rate(M, dynamics.damping_matrix(plant), RK4_LIMIT / windows.physics_dt))
+        D = dynamics.damping_matrix(plant)
+        if not windows.model.roles.all_tracked:
+            W = windows.seen_from_tracked(reference.qpos[k], M)
+            M, D = W.T @ M @ W, W.T @ D @ W
+        rate = max(internal, decay_rate(M, D, RK4_LIMIT / windows.physics_dt))
         if rate > worst:
             worst, at = rate, k
     if worst * windows.physics_dt > RK4_LIMIT:

@@ -15,9 +15,22 @@ from numpy.typing import NDArray
 from mjhcmc.log import get_logger
 from mjhcmc.model import MuscleModel, compile_model, engine_integrator, read_model
 from mjhcmc.model_check.findings import findings
-from mjhcmc.model_check.report import JointReport, ModelReport, MuscleReport, StepReport
-from mjhcmc.model_check.scan import Jump, Pose, ScanPlant, Sweep, decay, find_jumps, measure, scanned_range, sweep
-from mjhcmc.model_problems import find_problems, joint_type
+from mjhcmc.model_check.joint_reports import joint_reports
+from mjhcmc.model_check.pushes import find_pushes
+from mjhcmc.model_check.report import ModelReport, MuscleReport, StepReport
+from mjhcmc.model_check.scan import (
+    Jump,
+    Pose,
+    ScanPlant,
+    Sweep,
+    decay,
+    fastest,
+    find_jumps,
+    measure,
+    sweep,
+)
+from mjhcmc.model_check.ties import equalities
+from mjhcmc.model_problems import find_problems, joint_names_of, names_of
 from mjhcmc.plant import RK4_LIMIT, MujocoPlant
 
 __all__ = ["check"]
@@ -35,9 +48,10 @@ def check(source: str | Path | Any) -> ModelReport:
 
     Strength is isometric: at rest, the sum over the muscles of R_ij F_i a_i, the agonists being at the upper end of
     their excitation range, the antagonists at its lower end: where that is above 0, they take their share away. Every
-    joint is moved through its range with the others at the reference pose. The
-    largest stable step is 2.78 over the largest real eigenvalue part of M^-1 D (classical Runge-Kutta), with D the
-    damping of joints, tendons and muscles.
+    tracked hinge and slide is moved through its range with the others at the reference pose; what equality constraints
+    tie to it follows, and counts as part of it. The largest stable step is 2.78 over the largest real eigenvalue part
+    of M^-1 D (classical Runge-Kutta), with D the damping of joints, tendons and muscles, M and D seen from what is
+    neither tied nor prescribed.
 
     Args:
         source: what `MuscleModel.load` takes.
@@ -53,10 +67,11 @@ def check(source: str | Path | Any) -> ModelReport:
     else:
         m, name = compile_model(source)
     errors = find_problems(m, name)
-    integrator, contacts = engine_integrator(m), _contacts_at_reference(m)
+    integrator = engine_integrator(m)
     model = read_model(m, name)
     plant = ScanPlant(model)
     measured = _measure(plant)
+    pushes = find_pushes(plant, measured.reference)
     report = ModelReport(
         name=name,
         engine=f"MuJoCo {mujoco.__version__}",
@@ -65,18 +80,20 @@ def check(source: str | Path | Any) -> ModelReport:
         gravity=(float(m.opt.gravity[0]), float(m.opt.gravity[1]), float(m.opt.gravity[2])),
         integrator=integrator,
         muscles=_muscle_reports(model, measured),
-        joints=_joint_reports(plant, measured),
+        joints=joint_reports(plant, measured.reference, measured.sweeps, measured.crosses, pushes.pushed),
         other_actuators=int(m.nactuator) - model.n_muscle,
-        equality_constraints=int(m.eq_active0.sum()),
+        equalities=equalities(model),
+        reference_missed=plant.missed,
         joint_limits=int(m.jnt_limited.sum()),
         tendon_limits=int(m.tendon_limited.sum()),
         colliding_pairs=_colliding_pairs(m),
-        contacts_at_reference=contacts,
+        contacts=pushes.contacts,
+        keyframes=names_of(m, mujoco.mjtObj.mjOBJ_KEY, range(m.nkey), "key"),
         default_physics_dt=_DEFAULT_PHYSICS_DT,
-        steps=(_step_report(plant, 0.0), _step_report(plant, 1.0)),
+        steps=(_step_report(plant, measured.sweeps, 0.0), _step_report(plant, measured.sweeps, 1.0)),
         problems=errors,
     )
-    found = findings(report, measured.jumps, uncoupled=plant.coupling.others)
+    found = findings(report, measured.jumps)
     _log.info("model %r checked: %d errors, %d warnings and notes", name, len(errors), len(found))
     return replace(report, problems=(*errors, *found))
 
@@ -104,7 +121,7 @@ def _measure(plant: ScanPlant) -> _Measured:
     model = plant.model
     reference = measure(plant, plant.reference)
     count = 61 if len(plant.joints) <= _FEW_JOINTS else 31
-    sweeps = {j: sweep(plant, j, count) for j in plant.joints}
+    sweeps = {j: one for j in plant.joints if (one := sweep(plant, j, count)) is not None}
     arm = np.max([np.abs(reference.arm), *[one.largest_arm for one in sweeps.values()]], axis=0)
     largest = arm.max(axis=1, keepdims=True, initial=0.0)
     lengths = np.vstack([reference.length[None], *[one.length for one in sweeps.values()]])
@@ -123,7 +140,7 @@ def _measure(plant: ScanPlant) -> _Measured:
 def _muscle_reports(model: MuscleModel, measured: _Measured) -> tuple[MuscleReport, ...]:
     m, ids = model.mj_model, model.muscle_ids
     force, L0 = model.max_isometric_force, model.optimal_fiber_length
-    dof_joint = m.dof_jntid
+    dof_joint, names = m.dof_jntid, joint_names_of(m)
     result = []
     for i, name in enumerate(model.muscle_names):
         a = int(ids[i])
@@ -134,7 +151,7 @@ def _muscle_reports(model: MuscleModel, measured: _Measured) -> tuple[MuscleRepo
             fiber, spread = float(in_L0[0]), (float(in_L0[1]), float(in_L0[2]))
             limits = (float(prm[4]), float(prm[5]))
         is_muscle = m.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_MUSCLE
-        crossed = dict.fromkeys(model.joint_names[j] for j in dof_joint[measured.crosses[i]])
+        crossed = dict.fromkeys(names[j] for j in dof_joint[measured.crosses[i]])
         tau = model.activation_parameters[i]
         result.append(
             MuscleReport(
@@ -151,6 +168,7 @@ def _muscle_reports(model: MuscleModel, measured: _Measured) -> tuple[MuscleRepo
                 deactivation_time=float(tau[1]),
                 smoothing=float(tau[2]),
                 excitation_range=_pair(model.excitation_range[i]),
+                force_range=_pair(-m.actuator_forcerange[a, ::-1]) if m.actuator_forcelimited[a] else None,
                 joints=tuple(crossed),
             )
         )
@@ -161,69 +179,29 @@ def _leaves(spread: tuple[float, float], limits: tuple[float, float]) -> bool:
     return spread[0] < limits[0] or spread[1] > limits[1]
 
 
-def _joint_reports(plant: ScanPlant, measured: _Measured) -> tuple[JointReport, ...]:
-    model, m = plant.model, plant.model.mj_model
-    result = []
-    for j, name in enumerate(model.joint_names):
-        dof = int(m.jnt_dofadr[j])
-        crossing = measured.crosses[:, np.flatnonzero(m.dof_jntid == j)].any(axis=1)
-        kind, one = joint_type(m, j), measured.sweeps.get(j)
-        unit = {"hinge": "rad", "slide": "m"}.get(kind)
-        leader = plant.coupling.follows.get(j)
-        low, high = model.joint_range[j]
-        at = float(plant.reference[m.jnt_qposadr[j]])
-        bounded = unit is not None and bool(np.isfinite(low) and np.isfinite(high))
-        result.append(
-            JointReport(
-                name=name,
-                type=kind,
-                follows=None if leader is None else model.joint_names[leader] if leader >= 0 else "",
-                unit=unit,
-                range=(float(low), float(high)) if bounded else None,
-                reference_outside=at if bounded and leader is None and not low - 1e-9 <= at <= high + 1e-9 else None,
-                damping=float(m.dof_damping[dof]),
-                column=model.column_map.get(name),
-                scanned=None if one is None else scanned_range(model, j),
-                strength=None if one is None else _pair(measured.reference.strength[dof]),
-                negative_strength_range=None if one is None else _extremes(one.strength[:, 0]),
-                positive_strength_range=None if one is None else _extremes(one.strength[:, 1]),
-                passive_moment=None if one is None else float(measured.reference.passive[dof]),
-                muscles=tuple(model.muscle_names[i] for i in np.flatnonzero(crossing)),
-            )
-        )
-    return tuple(result)
-
-
 def _pair(values: NDArray[np.float64]) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _extremes(values: NDArray[np.float64]) -> tuple[float, float]:
-    return float(values.min()), float(values.max())
-
-
-def _step_report(plant: ScanPlant, activation: float) -> StepReport:
-    count = 9 if len(plant.joints) <= _FEW_JOINTS else 2
+def _step_report(plant: ScanPlant, sweeps: dict[int, Sweep], activation: float) -> StepReport:
+    names, count = joint_names_of(plant.mj_model), 9 if len(plant.joints) <= _FEW_JOINTS else 2
+    if not len(plant.driven):
+        return StepReport(activation, None, None, None, None, None)
     reference = worst = decay(plant, plant.reference, activation)
-    at: tuple[str, float] | None = None
-    for j in plant.joints:
-        for position in np.linspace(*scanned_range(plant.model, j), count):
-            rate = decay(plant, plant.moved(j, position), activation)
+    pose, at = plant.reference, None
+    for j, one in sweeps.items():
+        for k in np.unique(np.linspace(0, len(one.position) - 1, count).round().astype(int)):
+            rate = decay(plant, one.qpos[k], activation)
             if rate > worst * (1 + 1e-9):
-                worst, at = rate, (plant.model.joint_names[j], float(position))
+                worst, pose, at = rate, one.qpos[k], (names[j], float(one.position[k]))
     return StepReport(
         activation=activation,
         at_reference=RK4_LIMIT / reference if reference > 0 else None,
         over_range=RK4_LIMIT / worst if worst > 0 else None,
         worst_joint=at[0] if at else None,
         worst_position=at[1] if at else None,
+        fastest=plant.model.dof_names[fastest(plant, pose, activation)] if worst > 0 else None,
     )
-
-
-def _contacts_at_reference(m: Any) -> int:
-    d = mujoco.MjData(m)
-    mujoco.mj_fwdPosition(m, d)
-    return int(d.ncon)
 
 
 def _colliding_pairs(m: Any) -> int:

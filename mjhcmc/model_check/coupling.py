@@ -21,13 +21,14 @@ class JointCoupling:
 
     Attributes:
         follows: the joint x that each dependent joint follows, by index; -1 where it is held.
+        coefficients: (5,) c0 to c4 of each.
         others: active equalities of other kinds, which are not represented.
     """
 
     def __init__(self, m: Any) -> None:
         self.follows: dict[int, int] = {}
         self.others = 0
-        self._coefficients: dict[int, list[float]] = {}
+        self.coefficients: dict[int, list[float]] = {}
         self._qpos0 = m.qpos0.copy()
         self._qpos_index, self._dof = m.jnt_qposadr.copy(), m.jnt_dofadr.copy()
         self._nv = int(m.nv)
@@ -37,7 +38,7 @@ class JointCoupling:
             is_joint = m.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT
             if is_joint and all(int(m.jnt_type[j]) in scalar for j in (y, x) if j >= 0) and self._is_new(y, x):
                 self.follows[y] = x
-                self._coefficients[y] = m.eq_data[e, :5].tolist()
+                self.coefficients[y] = m.eq_data[e, :5].tolist()
             else:
                 self.others += 1
         self._order = sorted(self.follows, key=self._depth)  # each after the one that it follows
@@ -60,32 +61,20 @@ class JointCoupling:
         filled = qpos.copy()
         for y in self._order:
             at = self._qpos_index[y]
-            filled[at] = self._qpos0[at] + _polynomial(self._coefficients[y], self._offset(y, filled))
+            filled[at] = self._qpos0[at] + _polynomial(self.coefficients[y], self._offset(y, filled))
         return filled
 
-    def reduce(self, qpos: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """N^T values at a filled qpos: what acts on a dependent joint acts on the one that it follows.
-
-        Args:
-            qpos: (nq,) rad or m.
-            values: (nv, ...) forces, or anything else dual to velocities.
-
-        Returns:
-            (nv, ...), zero at dependent joints; N (nv, nv) is dqvel/dqvel_free.
-        """
-        result = values.copy()
-        for y in reversed(self._order):
+    def tangent(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+        """N (nv, n_free) = dqvel/dqvel of `free_dofs`, at a filled qpos (nq,), by the chain rule."""
+        N = np.eye(self._nv)
+        for y in self._order:
             row, x = self._dof[y], self.follows[y]
-            if x >= 0:
-                slope = [k * c for k, c in enumerate(self._coefficients[y])][1:]
-                result[self._dof[x]] += _polynomial(slope, self._offset(y, qpos)) * result[row]
-            result[row] = 0.0
-        return result
+            N[row] = self.slope(y, qpos) * N[self._dof[x]] if x >= 0 else 0.0
+        return N[:, self.free_dofs]
 
-    def reduce_matrix(self, qpos: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-        """N^T matrix N of a (nv, nv) matrix, rows and columns of `free_dofs` alone."""
-        reduced = self.reduce(qpos, self.reduce(qpos, matrix).T).T
-        return np.asarray(reduced[np.ix_(self.free_dofs, self.free_dofs)])
+    def slope(self, y: int, qpos: NDArray[np.float64]) -> float:
+        """dy/dx of a dependent joint y by the joint x that it follows."""
+        return _polynomial([k * c for k, c in enumerate(self.coefficients[y])][1:], self._offset(y, qpos))
 
     def _offset(self, y: int, qpos: NDArray[np.float64]) -> float:
         x = self.follows[y]

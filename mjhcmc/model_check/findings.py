@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from mjhcmc.model_check.report import JointReport, ModelReport, MuscleReport, position_text
+from mjhcmc.model_check.report import ContactReport, JointReport, ModelReport, MuscleReport, position_text
 from mjhcmc.model_check.scan import Jump
 from mjhcmc.model_problems import Problem
 
@@ -12,20 +12,20 @@ _DEFAULT_VMAX = 1.5  # L0/s, MuJoCo's; Hill muscles have about 10 (Zajac 1989)
 _NO_STRENGTH = 1e-3  # share of the joint's strength the other way
 
 
-def findings(report: ModelReport, jumps: Sequence[Jump], uncoupled: int) -> tuple[Problem, ...]:
+def findings(report: ModelReport, jumps: Sequence[Jump]) -> tuple[Problem, ...]:
     """Warnings, then notes.
 
     Args:
         report: what was measured.
         jumps: in muscle lengths.
-        uncoupled: active equality constraints that the measurements do not follow.
     """
     found = [
         *(problem for joint in report.joints for problem in _of_joint(joint)),
+        *(_of_contact(contact) for contact in report.contacts),
         *(problem for muscle in report.muscles for problem in _of_muscle(muscle)),
         *(_of_jump(report, jump) for jump in jumps),
         *_of_step(report),
-        *_of_model(report, uncoupled),
+        *_of_model(report),
     ]
     return tuple(sorted(found, key=lambda problem: problem.level == "note"))
 
@@ -45,6 +45,24 @@ def _of_joint(joint: JointReport) -> Iterator[Problem]:
         if way is not None:
             remedy = "expect reserves there, or add a muscle, or fix the joint"
             yield Problem(f"cannot be moved {way} by any muscle", where, remedy, "warning")
+    for dof in joint.dofs if joint.unit is None else ():
+        if dof.strength is not None and not any(dof.strength):
+            remedy = "expect reserves there, or add a muscle, or prescribe the joint"
+            yield Problem(
+                "cannot be moved by any muscle at the reference pose", f"joint {dof.name!r}", remedy, "warning"
+            )
+    if joint.usable is not None:
+        low, high = (position_text(joint.unit, position) for position in joint.usable)
+        names = ", ".join(joint.first_out)
+        yield Problem(
+            f"can go from {low} to {high} only, where what equality constraints tie to it reaches its own range "
+            f"({names})"
+            if names
+            else f"can go from {low} to {high} only, where the equality constraints can be met",
+            where,
+            "keep the motion within, or widen those ranges" if names else "keep the motion within",
+            "warning",
+        )
     if joint.reference_outside is not None:
         yield Problem(
             f"has its reference pose, {position_text(joint.unit, joint.reference_outside)}, outside its range",
@@ -79,6 +97,14 @@ def _of_muscle(muscle: MuscleReport) -> Iterator[Problem]:
             "set its ctrlrange to 0 1 if that is not meant: strength here counts with it",
             "note",
         )
+    F0 = muscle.max_isometric_force
+    if muscle.force_range is not None and F0 is not None and muscle.force_range[1] < F0:
+        yield Problem(
+            f"is clamped by forcerange to {muscle.force_range[1]:.4g} N, less than its F0 of {F0:.4g} N",
+            where,
+            "remove forcerange if that is not meant: activation beyond it does nothing",
+            "note",
+        )
     if muscle.max_velocity == _DEFAULT_VMAX:
         yield Problem(
             f"has MuJoCo's default vmax, {_DEFAULT_VMAX:g} L0/s, about 7 times slower than a Hill muscle's 10",
@@ -94,6 +120,18 @@ def _of_muscle(muscle: MuscleReport) -> Iterator[Problem]:
             "it has no active force there: see that the motion stays within, or check its range and lengthrange",
             "note",
         )
+
+
+def _of_contact(contact: ContactReport) -> Problem:
+    one, other = contact.geoms
+    what = f"touch at the reference pose, {1e3 * max(0.0, contact.depth):.3g} mm deep"
+    remedy = "start the motion from another pose, or <exclude> their bodies where they should not collide"
+    too_much = contact.joint is not None and abs(contact.push) > contact.strength
+    if contact.joint is not None:
+        what += f", and push joint {contact.joint!r} with {contact.push:.3g} N m (N)"
+        if too_much:
+            what += f", more than the {contact.strength:.3g} that its muscles have against it"
+    return Problem(what, f"geoms {one!r} and {other!r}", remedy, "warning" if too_much else "note")
 
 
 def _of_jump(report: ModelReport, jump: Jump) -> Problem:
@@ -128,7 +166,7 @@ def _of_step(report: ModelReport) -> Iterator[Problem]:
         )
 
 
-def _of_model(report: ModelReport, uncoupled: int) -> Iterator[Problem]:
+def _of_model(report: ModelReport) -> Iterator[Problem]:
     if not report.joints:
         yield Problem("has no joint, so nothing moves", "the model", "give its bodies joints", "warning")
     if report.integrator != "RK4":
@@ -141,17 +179,18 @@ def _of_model(report: ModelReport, uncoupled: int) -> Iterator[Problem]:
             "remove those that should not pull there",
             "note",
         )
-    if uncoupled:
+    if report.reference_missed is not None:
         yield Problem(
-            f"are not followed here ({uncoupled} that tie no joint to another)",
-            "equality constraints",
-            "read strength, fiber lengths and steps as those of the joints without them",
-            "note",
+            f"cannot be met at the reference pose (they miss by {report.reference_missed:.3g} rad or m)",
+            "the equality constraints",
+            "correct them, or give them a reference pose that meets them: what is measured here is beside them",
+            "warning",
         )
-    if report.contacts_at_reference:
+    held = [dof.name for joint in report.joints for dof in joint.dofs if dof.role == "prescribed"]
+    if held:
         yield Problem(
-            f"touch at the reference pose ({report.contacts_at_reference} contacts)",
-            "some geoms",
-            "set contype and conaffinity to 0 where they should not collide",
+            f"are prescribed ({', '.join(held[:3])}{', ...' if len(held) > 3 else ''})",
+            f"the {len(held)} degrees of freedom of the root",
+            "name them in the motion to move them; else they stay at the reference pose",
             "note",
         )

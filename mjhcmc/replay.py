@@ -1,4 +1,4 @@
-"""Playing a solution of Hill muscles again; see `verify`."""
+"""Playing a solution again where MuJoCo's own rollout does not do: Hill muscles, measured loads, prescribed joints."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mjhcmc.hosted.lockstep import HillLockstep
+from mjhcmc.lockstep import Lockstep
 from mjhcmc.plant import physics_steps
+from mjhcmc.surroundings import Surroundings
 
 if TYPE_CHECKING:
     from mjhcmc.solution import Solution
@@ -41,10 +42,14 @@ def replay_windows(solution: Solution, physics_dt: float) -> Array:
     return np.concatenate(found)
 
 
-def _plants(solution: Solution, physics_dt: float, count: int) -> tuple[HillLockstep, int]:
+def _plants(solution: Solution, physics_dt: float, count: int) -> tuple[Lockstep, int]:
     model, muscles = solution.model, solution.muscles
     assert model is not None
-    assert muscles is not None
     n_step = physics_steps(solution.dt, physics_dt)
-    parts = [model] * count, [muscles], solution.dt / n_step, [solution.external] * count
-    return HillLockstep(*parts), n_step
+    step, surroundings = solution.dt / n_step, [solution.surroundings or Surroundings()] * count
+    if not solution.hosted:
+        return Lockstep([model] * count, step, surroundings), n_step
+    from mjhcmc.hosted.lockstep import HillLockstep
+
+    assert muscles is not None
+    return HillLockstep([model] * count, [muscles], step, surroundings), n_step

@@ -1,0 +1,191 @@
+"""Surroundings: what acts on a model from outside, and where what is prescribed has to be.
+
+Prescribed degrees of freedom are made so heavy that nothing else matters to them, driven by the force that their
+acceleration takes, and put back onto the motion at each physics step. What acts on the others is as if they were moved
+by hand: the rest of the mass matrix is untouched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc.loads_kernel import push
+
+if TYPE_CHECKING:
+    from mjhcmc.external_loads import ExternalLoads
+    from mjhcmc.model import MuscleModel
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.intp]
+
+HEAVY = 1e8
+"""kg or kg m^2, added to a prescribed degree of freedom: 1000 N on it make 1e-5 m/s^2, undone at each physics step."""
+
+External = Callable[[Array], Array]
+"""Loads that act from outside, as generalized forces: times (n,) s to (n, nv) N m."""
+
+Path = Callable[[Array], tuple[Array, Array, Array]]
+"""Where a motion is: times (n,) s to positions (n, nq), velocities (n, nv) and accelerations (n, nv)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What acts on a model from outside, and what moves its prescribed degrees of freedom.
+
+    Attributes:
+        external: generalized forces over time; None: none.
+        loads: measured forces on bodies; None: none.
+        path: the motion that prescribed degrees of freedom follow; None: there are none.
+    """
+
+    external: External | None = None
+    loads: ExternalLoads | None = None
+    path: Path | None = None
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing."""
+        return self.external is None and self.loads is None and self.path is None
+
+
+def heavy(m: Any, prescribed: Ids) -> Any:
+    """Make the prescribed degrees of freedom of a compiled model heavy, in place; returns it."""
+    m.dof_armature[prescribed] += HEAVY
+    return m
+
+
+class Columns(NamedTuple):
+    """Where in a state row what stands: time; positions, velocities, applied forces and forces on bodies begin."""
+
+    time: int
+    qpos: int
+    qvel: int
+    applied: int
+    on_bodies: int
+
+
+class Kinematics(NamedTuple):
+    """MuJoCo's derived quantities, (nsim, nbody, 3), (nsim, nbody, 9) or (nsim, nbody, 6) each."""
+
+    xpos: Array
+    xmat: Array
+    xipos: Array
+    cvel: Array
+    subtree_com: Array
+
+
+class Plan(NamedTuple):
+    """What goes into the rows of b simulations over n steps.
+
+    Attributes:
+        external: (b, n, nv) N m or N, generalized forces from outside in the middle of each step.
+        force: (b, n, nv) N m or N, the same with what drives prescribed degrees of freedom.
+        qpos: (b, n + 1, nqp) where prescribed coordinates are at each step's start, and at the last one's end.
+        qvel: (b, n + 1, np) their velocities.
+        loads: force, torque and point, (b, n, k, 3) each, in the middle of each step.
+    """
+
+    external: Array
+    force: Array
+    qpos: Array
+    qvel: Array
+    loads: tuple[Array, Array, Array]
+
+
+class Outside:
+    """Puts what acts from outside, and what is prescribed, into the state rows of simulations.
+
+    Args:
+        models: one a simulation, alike in all but numbers.
+        surroundings: one a simulation.
+        columns: of the state rows.
+    """
+
+    def __init__(
+        self, models: Sequence[MuscleModel], surroundings: Sequence[Surroundings], columns: Columns
+    ) -> None:
+        self._surroundings, self._columns = surroundings, columns
+        first = models[0]
+        m = first.mj_model
+        self._nv, self._roots = int(m.nv), m.body_rootid.astype(np.int64)
+        led = any(s.path is not None for s in surroundings)
+        self._prescribed = first.roles.prescribed if led else np.empty(0, dtype=np.intp)
+        self._coordinates = coordinates_of(m, self._prescribed)
+        most = max((len(s.loads.body) for s in surroundings if s.loads is not None), default=0)
+        self.on_bodies = most > 0
+        self._ids = np.full((len(models), 3, most), -1, dtype=np.int64)
+        for own, model, s in zip(self._ids, models, surroundings, strict=True):
+            if s.loads is not None:
+                own[:, : len(s.loads.body)] = s.loads.ids(model)
+        self._most = most
+
+    def plan(self, ids: Ids, start: Array, step: float, n_step: int) -> Plan:
+        """What the next steps of simulations take.
+
+        Args:
+            ids: (b,) the simulations.
+            start: (b,) s.
+            step: s; 0: look at the start alone.
+            n_step: how many.
+        """
+        b = len(ids)
+        external = np.zeros((b, n_step, self._nv))
+        drive = np.zeros((b, n_step, self._nv))
+        qpos = np.empty((b, n_step + 1, len(self._coordinates)))
+        qvel = np.empty((b, n_step + 1, len(self._prescribed)))
+        loads = tuple(np.zeros((b, n_step, self._most, 3)) for _ in range(3))
+        ahead = step * (np.arange(2 * n_step + 1) / 2)
+        for k, i in enumerate(ids):
+            own, times = self._surroundings[i], start[k] + ahead
+            if own.external is not None:
+                external[k] = own.external(times[1::2])
+            if own.path is not None and len(self._prescribed):
+                q, v, a = own.path(times)
+                qpos[k], qvel[k] = q[::2, self._coordinates], v[::2, self._prescribed]
+                drive[k][:, self._prescribed] = HEAVY * a[1::2, self._prescribed]
+            if own.loads is not None:
+                # a look ahead may pass the end; that the loads cover the motion was checked
+                within = np.clip(times[1::2], own.loads.time[0], own.loads.time[-1])
+                for part, values in zip(loads, own.loads.sample(within), strict=True):
+                    part[k, :, : values.shape[1]] = values
+        return Plan(external, external + drive, qpos, qvel, loads)  # type: ignore[arg-type]
+
+    def lead(self, rows: Array, plan: Plan, j: int) -> None:
+        """Put prescribed coordinates of rows (b, n_row) where they are at the start of step j."""
+        if len(self._prescribed):
+            rows[:, self._columns.qpos + self._coordinates] = plan.qpos[:, j]
+            rows[:, self._columns.qvel + self._prescribed] = plan.qvel[:, j]
+
+    def push(self, ids: Ids, at: Ids, rows: Array, plan: Plan, j: int, ahead: float, seen: Kinematics) -> None:
+        """Put the forces on bodies of step j into rows (b, n_row).
+
+        The point of a load is where it was measured; the body that it acts on moves on to the middle of the step.
+
+        Args:
+            ids: (b,) the simulations.
+            at: (b,) where they stand in what is seen.
+            rows: (b, n_row), changed.
+            plan: of the call.
+            j: the step.
+            ahead: s from what is seen to the middle of the step.
+            seen: of all simulations.
+        """
+        force, torque, point = plan.loads
+        push(
+            rows, self._columns.on_bodies, at, self._ids[ids], force[:, j], torque[:, j], point[:, j], ahead,
+            self._roots, *seen,
+        )  # fmt: skip
+
+
+def coordinates_of(m: Any, dofs: Ids) -> Ids:
+    """(n,) positions in qpos of the joints of degrees of freedom."""
+    found: list[int] = []
+    for j in dict.fromkeys(m.dof_jntid[dofs].tolist()):
+        last = int(m.jnt_qposadr[j + 1]) if j + 1 < m.njnt else int(m.nq)
+        found.extend(range(int(m.jnt_qposadr[j]), last))
+    return np.array(found, dtype=np.intp)
