@@ -22,23 +22,26 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
 from mjhcmc.dynamics import POSITION_STEP, VELOCITY_STEP, NodeForces, fiber_damping, forces_from
-from mjhcmc.lockstep_kernels import fill_nodes, put_around, read_around, read_slopes
+from mjhcmc.lockstep_kernels import fill_nodes, put_around, put_beside, read_around, read_beside, read_slopes
 from mjhcmc.model import MuscleModel
 from mjhcmc.plant import State
-from mjhcmc.surroundings import HEAVY, Columns, Kinematics, Outside, Surroundings, heavy
+from mjhcmc.held import add_held
+from mjhcmc.surroundings import HEAVY, Columns, Kinematics, Outside, Surroundings, coordinates_of, heavy
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.intp]
 Index = NDArray[np.intp] | slice
 
 _MOMENTS = ("actuator_moment", "moment_rownnz", "moment_rowadr", "moment_colind")
-_PROBED = ("qacc", "M", "nefc", "ne", "qfrc_smooth", "actuator_force", "actuator_velocity", "ten_velocity")
+_PROBED = ("qacc", "M", "ncon", "qfrc_smooth", "actuator_force", "actuator_velocity", "ten_velocity")
 _AT_NODES = (
     "qacc", "M", "qfrc_passive", "qfrc_actuator", "qfrc_bias", "qfrc_constraint", "actuator_force", "actuator_velocity",
     "ten_velocity", "qfrc_smooth", "qfrc_applied",
 )  # fmt: skip
 _VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
-_NODES_AT_ONCE = 1024  # bounds the memory of the pass over a long record
+_NEAR = 1e-3  # rad or m from a joint's limit
+_OF_ACTUATORS = ("actuator_force", "actuator_length", "actuator_velocity", "ten_velocity", "ten_J")
+_NODES_AT_ONCE = 64  # bounds the memory of the pass over a long record
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ class Linearization(NamedTuple):
         bias: (b, n_muscle) N, its force at zero activation; with fiber damping where asked for.
         D: (b, nv, nv) N m s, -dF/dv of all smooth forces at fixed activation.
         K: (b, nv, nv) N m, -dF/dq likewise; None where it was not asked for.
-        n_constraint: (b,) rows of constraints that may be active (limits, contacts, friction), without equalities.
+        held: (b,) True where a joint is at its limit, or a contact is near.
     """
 
     qacc: Array
@@ -88,7 +91,7 @@ class Linearization(NamedTuple):
     bias: Array
     D: Array
     K: Array | None
-    n_constraint: NDArray[np.int32]
+    held: NDArray[np.bool_]
 
     def of(self, which: NDArray[np.bool_]) -> Linearization:
         """That of some of the simulations."""
@@ -164,6 +167,7 @@ class Lockstep:
         )
         self._ctrl = _as_slice(_columns(batch, "ctrl").start + first.ctrl_index)
         self._applied = _columns(batch, "qfrc_applied")
+        self._beside = Beside(self) if first.nv > FEW else None
         self._outside: Outside | None = None
         if not all(s.empty for s in surroundings):
             self._outside = Outside(models, surroundings, self._state_columns())
@@ -257,10 +261,13 @@ class Lockstep:
     ) -> Linearization:
         """See `Plants`."""
         start, failed = self._under(ids, rows, reserve)
+        if self._beside is not None:
+            lost, found = self._beside.look(self, ids, start, stiffness=stiffness, damping=damping)
+            return found._replace(qacc=without(failed | lost, ids, found.qacc))
         b, nv, n = len(ids), self._models[0].nv, self._models[0].n_muscle
         lost, bound, probe = self._look(ids, start, self.layout.qvel.start, VELOCITY_STEP)
         failed |= lost
-        n_constraint = bound.nefc[(2 + nv) * ids] - bound.ne[(2 + nv) * ids]
+        held = self._held(start, bound.ncon[(2 + nv) * ids])
         qacc, gain, bias = np.empty((b, nv)), np.empty((b, n)), np.empty((b, n))
         M, B, D = np.empty((b, nv, nv)), np.empty((b, nv, n)), np.empty((b, nv, nv))
         read_around(
@@ -274,7 +281,39 @@ class Lockstep:
             failed |= self._look(ids, start, self.layout.qpos.start, POSITION_STEP)[0]
             K = np.empty((b, nv, nv))
             read_slopes(ids, POSITION_STEP, bound.qfrc_smooth, K)
-        return Linearization(without(failed, ids, qacc), M, B, gain, bias, D, K, n_constraint)
+        self._hold(ids, start, held, M, D, K)
+        return Linearization(without(failed, ids, qacc), M, B, gain, bias, D, K, held)
+
+    @cached_property
+    def _limits(self) -> tuple[Ids, Array]:
+        """Columns (n,) of the limited coordinates that are no equality's doing, and their ranges (n, 2)."""
+        first = self._models[0]
+        tied = coordinates_of(first.mj_model, first.roles.dependent)
+        limited = np.setdiff1d(np.flatnonzero(np.isfinite(first.joint_range).any(axis=1)), tied)
+        return self.layout.qpos.start + limited, first.joint_range[limited]
+
+    def _held(self, rows: Array, n_contact: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """(b,) which simulations a joint's limit or a contact holds, or nearly so."""
+        columns, limits = self._limits
+        q = rows[:, columns]
+        found: NDArray[np.bool_] = ((q < limits[:, 0] + _NEAR) | (q > limits[:, 1] - _NEAR)).any(axis=1)
+        return found | (n_contact > 0)
+
+    def _hold(self, ids: Ids, rows: Array, held: NDArray[np.bool_], M: Array, D: Array, K: Array | None) -> None:
+        """Add what limits and contacts do to M, D and K of simulations that they hold."""
+        for at in np.flatnonzero(held):
+            i, row = ids[at], rows[at]
+            m = heavy(copy.copy(self._models[i].mj_model), self._heavy) if self._differ else self._holder[0]
+            d = mujoco.MjData(m) if self._differ else self._holder[1]
+            spec = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+            mujoco.mj_setState(m, d, row[: mujoco.mj_stateSize(m, spec)].copy(), spec)
+            mujoco.mj_forward(m, d)
+            add_held(m, d, M[at], D[at], None if K is None else K[at])
+
+    @cached_property
+    def _holder(self) -> tuple[Any, Any]:
+        m = heavy(copy.copy(self._models[0].mj_model), self._heavy)
+        return m, mujoco.MjData(m)
 
     def _look(self, ids: Ids, start: Array, first: int, step: float) -> tuple[set[int], Bound, Array]:
         """Look around states; returns what failed, the derived quantities and the rows that they belong to."""
@@ -369,13 +408,101 @@ class Lockstep:
 
 
 
+FEW = 10
+"""Degrees of freedom up to which each is moved by itself to see what forces do; in larger models see `Beside`."""
+
+
+class Beside:
+    """Looks at states of large models, by one step of all velocities and one of all positions together.
+
+    Constraints are left out where they do not count, which takes less than half of the time.
+
+    Args:
+        plants: the simulations.
+    """
+
+    def __init__(self, plants: Lockstep) -> None:
+        self._models = models = plants._models
+        m = models[0].mj_model
+        self._batch = Batch(_smooth(m), 3 * len(models), plants._threads)
+        if plants._differ:
+            own = [_smooth(model.mj_model) for model in models]
+            self._batch.set_models([each for each in own for _ in range(3)])
+        self._bound = Bound(self._batch, models[0], _OF_ACTUATORS)
+        self._here = Bound(plants._batches[1.0], models[0], (*_OF_ACTUATORS, "qacc", "M", "ncon"))
+        rng = np.random.default_rng(0)
+        self._way = rng.uniform(0.5, 1.0, m.nv) * rng.choice([-1.0, 1.0], m.nv)
+        of_joint = m.dof_jntid
+        scalar = np.isin(m.jnt_type, [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)])
+        self._stiff = np.where(scalar, m.jnt_stiffness, 0.0)[of_joint]
+        self._tendons = np.flatnonzero(m.tendon_damping)
+
+    def look(
+        self, plants: Lockstep, ids: Ids, start: Array, *, stiffness: bool, damping: bool
+    ) -> tuple[set[int], Linearization]:
+        """Those that fail, and what forces do around states with all that acts; see `Plants.linearize`."""
+        batch, here, beside, at = plants._batches[1.0], self._here, self._bound, plants.layout
+        model, b = self._models[0], len(ids)
+        m, nv, n = model.mj_model, model.nv, model.n_muscle
+        batch.state[plants._where(ids)] = start
+        failed = plants._call(batch, batch.forward, ids)
+        qpos = np.empty((0, m.nq))
+        if stiffness:
+            step = np.broadcast_to(POSITION_STEP * self._way, (b, nv))
+            qpos = np.ascontiguousarray(model.coordinates.moved(start[:, at.qpos], step))
+        put_beside(
+            self._batch.state, ids, start, plants._act, at.qpos.start, at.qvel.start, VELOCITY_STEP * self._way, qpos
+        )
+        which = 3 * ids[:, None] + np.arange(3 if stiffness else 2)
+        try:
+            self._batch.forward(np.ascontiguousarray(which.ravel()))
+        except SimulationError as error:
+            failed |= {int(i) // 3 for i in error.ids}
+        qacc, gain, bias = np.empty((b, nv)), np.empty((b, n)), np.empty((b, n))
+        M, B, D = np.empty((b, nv, nv)), np.empty((b, nv, n)), np.empty((b, nv, nv))
+        K = np.empty((b, nv, nv)) if stiffness else np.empty((0, 0, 0))
+        read_beside(
+            start, ids, plants._act, here.M, *here.M_index, *here.moment, here.muscles, here.actuator_force,
+            here.actuator_length, here.actuator_velocity, beside.actuator_force, beside.actuator_length,
+            beside.actuator_velocity, start[:, at.qvel], m.dof_damping, m.dof_dampingpoly, self._stiff, stiffness, qacc,
+            here.qacc, M, B, gain, bias, D, K,
+        )  # fmt: skip
+        if damping:
+            bias += np.array([here.fiber_damping(self._models[i], i) for i in ids])
+        if self._tendons.size:
+            D += self._of_tendons(m, here, ids)
+        held, slopes = plants._held(start, here.ncon[ids]), K if stiffness else None
+        plants._hold(ids, start, held, M, D, slopes)
+        return failed, Linearization(qacc, M, B, gain, bias, D, slopes, held)
+
+    def _of_tendons(self, m: Any, here: Bound, ids: Ids) -> Array:
+        """(b, nv, nv) what the damping of tendons adds to D."""
+        J = np.zeros((len(ids), m.ntendon, m.nv))
+        for t in self._tendons:
+            part = slice(m.ten_J_rowadr[t], m.ten_J_rowadr[t] + m.ten_J_rownnz[t])
+            J[:, t, m.ten_J_colind[part]] = here.ten_J[ids][:, part]
+        v = here.ten_velocity[ids]
+        poly = m.tendon_dampingpoly
+        d = m.tendon_damping + 2 * poly[:, 0] * np.abs(v) + 3 * poly[:, 1] * v**2
+        found: Array = np.swapaxes(J, 1, 2) @ (d[:, :, None] * J)
+        return found
+
+
+def _smooth(m: Any) -> Any:
+    """A copy of a compiled model without constraints and sensors."""
+    smooth = copy.copy(m)
+    off = mujoco.mjtDisableBit
+    smooth.opt.disableflags |= int(off.mjDSBL_CONSTRAINT) | int(off.mjDSBL_SENSOR)
+    return smooth
+
+
 class Bound:
     """MuJoCo's derived quantities of a batch, (nsim, ...), by MuJoCo's names; up to date after each of its calls."""
 
     qacc: Array
     M: Array
     nefc: NDArray[np.int32]
-    ne: NDArray[np.int32]
+    ncon: NDArray[np.int32]
     qfrc_smooth: Array
     qfrc_passive: Array
     qfrc_bias: Array
@@ -385,6 +512,7 @@ class Bound:
     actuator_length: Array
     actuator_velocity: Array
     ten_velocity: Array
+    ten_J: Array
     M_index: tuple[Any, Any, Any]
     moment: tuple[Any, Any, Any, Any]
 

@@ -1,6 +1,7 @@
 """Between MuJoCo's batch and dense matrices: states to look at, and what derived quantities there tell."""
 
 import numba
+import numpy as np
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
@@ -95,3 +96,92 @@ def read_slopes(ids, step, smooth, K):  # type: ignore[no-untyped-def]
         for i in range(nv):
             for j in range(nv):
                 K[s, i, j] = (smooth[at, i] - smooth[at + 2 + j, i]) / step
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def put_beside(probe, ids, start, activation, q0, v0, change, qpos):  # type: ignore[no-untyped-def]
+    """Put three states beside each of b into a probe, three rows a simulation: of a large model there are no more.
+
+    One with activations far from those there; one with another velocity; one with another position, where asked for.
+
+    Args:
+        probe: (3 count, n_row) the rows.
+        ids: (b,) the simulations.
+        start: (b, n_row) their states.
+        activation: (n_muscle,) columns.
+        q0: column of the positions.
+        v0: column of the velocities.
+        change: (nv,) of the velocities.
+        qpos: (b, nq) the other positions; (0, nq): not asked for.
+    """
+    for s in range(ids.size):
+        row = 3 * ids[s]
+        for c in range(3 if len(qpos) else 2):
+            for i in range(start.shape[1]):
+                probe[row + c, i] = start[s, i]
+        for i in activation:
+            probe[row, i] = 1.0 if start[s, i] < 0.5 else 0.0
+        for j in range(change.size):
+            probe[row + 1, v0 + j] += change[j]
+        if len(qpos):
+            for j in range(qpos.shape[1]):
+                probe[row + 2, q0 + j] = qpos[s, j]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def read_beside(  # type: ignore[no-untyped-def]
+    start, ids, activation, packed, rownnz, rowadr, colind, moment, m_rownnz, m_rowadr, m_colind, rows, force, length,
+    velocity, beside_force, beside_length, beside_velocity, qvel, damping, damping_poly, stiff, stiffness, qacc, all_qacc,
+    M, B, gain, bias, D, K,
+):  # fmt: skip
+    """Fill what states beside those of the simulations ids tell, see `lockstep.Linearization`.
+
+    An actuator's force depends on velocities and positions through its own velocity and length: one state beside gives
+    the slopes of all. D = sum dF/dV R'R + damping of the joints, K = sum dF/dL R'R + stiffness of the joints; how the
+    bodies' own velocities and moment arms change is left out.
+    """
+    nv, n = B.shape[1:]
+    full = np.empty(nv)
+    for s in range(ids.size):
+        k, at = ids[s], 3 * ids[s]
+        fill_inertia(packed[k], rownnz, rowadr, colind, M[s])
+        for i in range(nv):
+            qacc[s, i] = all_qacc[k, i]
+            for j in range(nv):
+                D[s, i, j] = 0.0
+                if stiffness:
+                    K[s, i, j] = 0.0
+            v = qvel[s, i]
+            D[s, i, i] = damping[i] + 2.0 * damping_poly[i, 0] * abs(v) + 3.0 * damping_poly[i, 1] * v * v
+            if stiffness:
+                K[s, i, i] = stiff[i]
+        for i in range(n):
+            row = rows[i]
+            a = start[s, activation[i]]
+            other = 1.0 if a < 0.5 else 0.0
+            pull = -force[k, row]
+            gain[s, i] = (-beside_force[at, row] - pull) / (other - a)
+            bias[s, i] = pull - gain[s, i] * a
+            for j in range(nv):
+                B[s, j, i] = 0.0
+            for e in range(m_rowadr[k, row], m_rowadr[k, row] + m_rownnz[k, row]):
+                B[s, m_colind[k, e], i] = -moment[k, e] * gain[s, i]
+        for row in range(force.shape[1]):
+            first, last = m_rowadr[k, row], m_rowadr[k, row] + m_rownnz[k, row]
+            change = beside_velocity[at + 1, row] - velocity[k, row]
+            slope = 0.0 if abs(change) < 1e-12 else (force[k, row] - beside_force[at + 1, row]) / change
+            tight = 0.0
+            if stiffness:
+                change = beside_length[at + 2, row] - length[k, row]
+                tight = 0.0 if abs(change) < 1e-12 else (force[k, row] - beside_force[at + 2, row]) / change
+            if slope == 0.0 and tight == 0.0:
+                continue
+            for e in range(first, last):
+                full[m_colind[k, e]] = moment[k, e]
+            for e in range(first, last):
+                i = m_colind[k, e]
+                for f in range(first, last):
+                    j = m_colind[k, f]
+                    D[s, i, j] += slope * full[i] * full[j]
+                    if stiffness:
+                        K[s, i, j] += tight * full[i] * full[j]

@@ -9,6 +9,7 @@ import numpy as np
 
 from mjhcmc import dynamics
 from mjhcmc.dynamics import NodeForces
+from mjhcmc.held import add_held
 from mjhcmc.lockstep import Array, Ids, Layout, Linearization
 from mjhcmc.plant import MujocoPlant, State
 
@@ -50,7 +51,7 @@ class OneByOne:
         self, ids: Ids, rows: Array, reserve: Array, *, stiffness: bool = False, damping: bool = False
     ) -> Linearization:
         """See `Plants`."""
-        qacc, M, B, gain, bias, D, K = [], [], [], [], [], [], []
+        qacc, M, B, gain, bias, D, K, held = [], [], [], [], [], [], [], []
         for i, row, s in zip(ids, rows, reserve, strict=True):
             plant = self._plants[i]
             qacc.append(self._put(i, row, s))
@@ -63,9 +64,13 @@ class OneByOne:
             D.append(dynamics.damping_matrix(plant))
             if stiffness:
                 K.append(dynamics.stiffness_matrix(plant))
+            held.append(plant.mj_data.nefc > plant.mj_data.ne)
+            if held[-1]:
+                self._put(i, row, s)
+                add_held(plant.mj_model, plant.mj_data, M[-1], D[-1], K[-1] if stiffness else None)
         return Linearization(
             np.array(qacc), np.array(M), np.array(B), np.array(gain), np.array(bias), np.array(D),
-            np.array(K) if stiffness else None,
+            np.array(K) if stiffness else None, np.array(held, dtype=bool),
         )  # fmt: skip
 
     def nodes(self, i: int, rows: Array, reserve: Array) -> NodeForces:

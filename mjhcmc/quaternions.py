@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,20 +55,41 @@ def turning(q: Array, rate: Array, second: Array, starts: Sequence[int]) -> tupl
         second: (n, nq) second derivatives.
         starts: columns in which quaternions begin, rising.
     """
-    qpos, v, a = q.copy(), [], []
-    before = 0
-    for first in starts:
-        Q, R, S = (part[:, first : first + 4] for part in (q, rate, second))
-        inverse = Q * [1.0, -1.0, -1.0, -1.0] / (Q**2).sum(axis=1, keepdims=True)
-        turn = _product(inverse, R)
-        v += [rate[:, before:first], 2 * turn[:, 1:]]
-        a += [second[:, before:first], 2 * (_product(inverse, S) - _product(turn, turn))[:, 1:]]
-        qpos[:, first : first + 4] = Q / np.linalg.norm(Q, axis=1, keepdims=True)
+    nv = q.shape[1] - len(starts)
+    qpos, v, a = q.copy(), np.empty((len(q), nv)), np.empty((len(q), nv))
+    at = before = 0
+    for first in [*starts, q.shape[1]]:
+        n = first - before
+        v[:, at : at + n], a[:, at : at + n] = rate[:, before:first], second[:, before:first]
+        at += n
+        if first < q.shape[1]:
+            _turn(qpos, rate, second, first, v, a, at)
+            at += 3
         before = first + 4
-    return qpos, np.hstack([*v, rate[:, before:]]), np.hstack([*a, second[:, before:]])
+    return qpos, v, a
 
 
-def _product(p: Array, q: Array) -> Array:
-    """(n, 4) Hamilton's product."""
-    w = p[:, :1] * q[:, :1] - (p[:, 1:] * q[:, 1:]).sum(axis=1, keepdims=True)
-    return np.hstack([w, p[:, :1] * q[:, 1:] + q[:, :1] * p[:, 1:] + np.cross(p[:, 1:], q[:, 1:])])
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _turn(q, rate, second, first, v, a, at):  # type: ignore[no-untyped-def]
+    """Fill angular velocity and acceleration from column ``at`` on, and make q's quaternion at ``first`` unit length."""
+    turn, half = np.empty(4), np.empty(4)
+    for k in range(q.shape[0]):
+        Q = q[k, first : first + 4]
+        size = Q[0] ** 2 + Q[1] ** 2 + Q[2] ** 2 + Q[3] ** 2
+        _divide(Q, rate[k, first : first + 4], size, turn)
+        _divide(Q, second[k, first : first + 4], size, half)
+        for i in range(3):
+            v[k, at + i] = 2.0 * turn[i + 1]
+            a[k, at + i] = 2.0 * (half[i + 1] - 2.0 * turn[0] * turn[i + 1])  # vec of turn turn is 2 w vec
+        for i in range(4):
+            q[k, first + i] /= np.sqrt(size)
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
+def _divide(Q, x, size, out):  # type: ignore[no-untyped-def]
+    """Fill out with Q^-1 x, size being |Q|^2."""
+    w, a, b, c = Q[0] / size, -Q[1] / size, -Q[2] / size, -Q[3] / size
+    out[0] = w * x[0] - a * x[1] - b * x[2] - c * x[3]
+    out[1] = w * x[1] + a * x[0] + b * x[3] - c * x[2]
+    out[2] = w * x[2] + b * x[0] + c * x[1] - a * x[3]
+    out[3] = w * x[3] + c * x[0] + a * x[2] - b * x[1]

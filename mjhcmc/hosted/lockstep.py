@@ -30,7 +30,7 @@ from mjhcmc.model import MuscleModel
 from mjhcmc.plant import State
 from mjhcmc.surroundings import HEAVY, Surroundings, heavy
 
-_STAGED = ("qacc", "M", "nefc", "ne", "actuator_length", "actuator_velocity")
+_STAGED = ("qacc", "M", "nefc", "ncon", "actuator_length", "actuator_velocity")
 _PROBED = (*_STAGED, "qfrc_passive", "qfrc_actuator", "qfrc_bias")
 _AT_NODES = (
     *_STAGED, "qfrc_passive", "qfrc_actuator", "qfrc_bias", "qfrc_constraint", "actuator_force", "ten_velocity",
@@ -228,7 +228,7 @@ class HillLockstep(Lockstep):
         around = Linearization(
             without(failed, ids, found.qacc[::copies].copy()), M,
             np.ascontiguousarray(np.swapaxes(R * gain[:, :, None], 1, 2)), gain, bias, slope[-1],
-            slope[0] if stiffness else None, bound.nefc[call.at[::copies]] - bound.ne[call.at[::copies]],
+            slope[0] if stiffness else None, self._held(start, bound.ncon[call.at[::copies]]),
         )  # fmt: skip
         return MuscleView(around, R, force, path, slopes)
 

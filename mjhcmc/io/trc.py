@@ -34,9 +34,8 @@ UNIT_NAMES = {
 
 _RATE_TOLERANCE = 0.01  # of the rate that the header gives, against the times
 
-_COUNTED = ("numframes", "nummarkers", "units")  # keys that the writer knows better
-_FIRST_KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units")  # OpenSim wants these
 _ORIGINAL = ("OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")
+_KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", *_ORIGINAL)  # OpenSim wants these and no other
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,9 +140,9 @@ def write_trc(
         time: (T,) s; DataRate is written from its median step.
         positions: (T, n, 3) m, three NaN where a marker was not seen.
         unit: of the file's coordinates, "mm", "cm" or "m".
-        header: keys and values, such as CameraRate and OrigDataRate, in place of those that follow from the times;
-            keys of their own come last. DataRate is taken where it fits the times; NumFrames, NumMarkers and Units
-            are passed over, since they are counted.
+        header: CameraRate, OrigDataRate, OrigDataStartFrame and OrigNumFrames, where they are not to follow from the
+            times, and DataRate, which is taken where it fits them. Other keys are passed over: NumFrames, NumMarkers
+            and Units follow from what is written, and OpenSim refuses files with more.
 
     Raises:
         OutputError: the shapes, names, values or header do not fit, an unknown unit, or the file cannot be written.
@@ -181,15 +180,16 @@ def write_trc(
         "",
     ]
     for frame, (t, row) in enumerate(zip(times.tolist(), points.reshape(len(times), -1).tolist(), strict=True), 1):
-        lines.append("\t".join([str(frame), repr(t), *(_word(x, -SHIFTS[unit]) for x in row)]))
+        line = "\t".join([str(frame), repr(t), *(_word(x, -SHIFTS[unit]) for x in row)])
+        lines.append(line + "\t" * line.endswith("\t"))  # OpenSim counts no empty cell at a line's end
     with written_whole(path) as temporary:
         temporary.write_text("\n".join([*lines, ""]), encoding="utf-8", newline="\n")
 
 
 def rewrite_markers(path: str | os.PathLike[str], table: MarkerTable) -> None:
-    """Write markers as they were read, with the file's unit and header keys; markers of a .c3d become a .trc.
+    """Write markers as they were read, with the file's unit and rates; markers of a .c3d become a .trc.
 
-    Frames are numbered from 1.
+    Frames are numbered from 1, and keys that are not of the format's eight are left out.
 
     Raises:
         OutputError: see `write_trc`.
@@ -198,11 +198,11 @@ def rewrite_markers(path: str | os.PathLike[str], table: MarkerTable) -> None:
 
 
 def _keys_to_write(path: Path, time: Array, n_marker: int, unit: str, given: Mapping[str, str]) -> dict[str, str]:
-    """The header's keys and values, those that OpenSim wants first."""
+    """The header's keys and values."""
     for key, value in given.items():
-        if any(not word or word != word.strip() or any(c in word for c in "\t\r\n\0") for word in (key, value)):
+        if not value or value != value.strip() or any(c in value for c in "\t\r\n\0"):
             raise OutputError(
-                f"{path}: header {key!r}, {value!r} cannot be written: one is empty, begins or ends with a blank, or "
+                f"{path}: header {key!r}, {value!r} cannot be written: it is empty, begins or ends with a blank, or "
                 "has a tab or line end: correct it"
             )
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
@@ -210,14 +210,11 @@ def _keys_to_write(path: Path, time: Array, n_marker: int, unit: str, given: Map
     said = look_up(dict(given), "datarate")
     if said is not None and is_number(said[1]) and abs(float(said[1]) * step - 1) <= _RATE_TOLERANCE:
         rate = said[1]
-    keys = dict.fromkeys((*_FIRST_KEYS, *_ORIGINAL), rate)
+    keys = dict.fromkeys(_KEYS, rate)
     keys |= {"NumFrames": str(len(time)), "NumMarkers": str(n_marker), "Units": unit}
     keys |= {"OrigDataStartFrame": "1", "OrigNumFrames": str(len(time))}
-    places = {key.lower(): key for key in keys}
-    for key, value in given.items():
-        if key.lower() not in (*_COUNTED, "datarate"):
-            keys[places.get(key.lower(), key)] = value
-    return keys
+    free = {key.lower(): key for key in ("CameraRate", *_ORIGINAL)}
+    return keys | {free[key.lower()]: value for key, value in given.items() if key.lower() in free}
 
 
 def _word(value: float, shift: int) -> str:

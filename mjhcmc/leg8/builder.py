@@ -23,6 +23,7 @@ import numpy as np
 from mjhcmc.errors import SettingsError
 from mjhcmc.leg8.appearance import add_appearance
 from mjhcmc.leg8.geometry import Scale, Vector, compose_inertia, digits, to_world
+from mjhcmc.leg8.knee import KNEE_SLIDES
 from mjhcmc.leg8.muscles import BODIES, add_muscles, fiber_mapping
 from mjhcmc.leg8.table import JOINTS, MUSCLES, ROOT_JOINTS, load_table
 from mjhcmc.opensim_names import MUSCLES_TEXT, PATHS_TEXT, PENNATION_TEXT
@@ -34,7 +35,6 @@ __all__ = [
     "BODIES_TEXT",
     "COORDINATE_MAP_NAME",
     "FLEXION_AXIS",
-    "KNEE_SLIDES",
     "SOURCE_BODY_MASS",
     "SOURCE_HEIGHT",
     "assemble",
@@ -59,13 +59,11 @@ COORDINATE_MAP_NAME = "opensim_coordinates"
 BODIES_TEXT = "opensim_bodies"
 """Name of the model's custom text that maps OpenSim's bodies onto the model's, ``femur_r=thigh ...``."""
 
-KNEE_SLIDES = ("knee_tx", "knee_ty")
-"""The slides of a moving knee axis, forward and up in the thigh, which follow the knee's angle."""
-
 _ROOT_AXES = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), FLEXION_AXIS)
 # Stiff: a time constant of 4 RK4 steps, and an impedance of nearly 1 from the first micrometre on.
 _KNEE_SOLREF = (0.004, 1.0)
 _KNEE_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+_CAM_ARMATURE = 0.005  # kg, of the slides beside another along the same axis, whose mass matrix was singular without
 
 
 def build_leg8(
@@ -128,9 +126,9 @@ def assemble(name: str, table: Mapping[str, Any], scale: Scale, *, planar: bool)
 
     Args:
         name: What the model calls itself.
-        table: The parameter table. Where its ``fitted`` section has ``knee_motion`` (four coefficients, of angle^1 to
-            angle^4 in m, for x and y), the knee's axis moves: the shank gets the slides ``knee_tx`` and ``knee_ty``,
-            coupled to ``knee`` by joint equalities, and ``knee_axis`` is where the axis is at zero angle.
+        table: The parameter table. Where its ``fitted`` section has ``knee_motion`` (coefficients of
+            :class:`mjhcmc.leg8.knee.KneeMotion`), the knee's axis moves: the shank gets the slides ``KNEE_SLIDES``,
+            tied by joint equalities, and ``knee_axis`` is where the axis is at zero angle.
         scale: Ratios of mass and height.
         planar: Whether the pelvis moves in the sagittal plane; it is fixed at the world's origin otherwise.
     """
@@ -258,15 +256,21 @@ def _add_root(pelvis: Any) -> None:
             joint.ref = float(np.dot(axis, pelvis.pos))
 
 
-def _add_knee_slides(spec: mujoco.MjSpec, shank: Any, motion: Mapping[str, Sequence[float]], scale: Scale) -> None:
-    """Let the knee's axis move in the thigh, by polynomials of the knee's angle."""
+def _add_knee_slides(spec: mujoco.MjSpec, shank: Any, motion: Sequence[Sequence[float]], scale: Scale) -> None:
+    """Let the knee's axis move in the thigh, by polynomials of the knee's angle (see :mod:`mjhcmc.leg8.knee`)."""
     import mujoco
 
-    for name, axis, key in zip(KNEE_SLIDES, ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)), ("x", "y"), strict=True):
-        shank.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=list(axis))
-        equality = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_JOINT, name1=name, name2="knee")
+    forward, up = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
+    *_, cam, last = KNEE_SLIDES
+    for name, axis, coefficients in zip(KNEE_SLIDES, (forward, up, up, forward), motion, strict=True):
+        slide = shank.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+        slide.armature = _CAM_ARMATURE * scale.mass if name in (cam, last) else 0.0
+        equality = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_JOINT, name1=name)
+        equality.name2 = cam if name == last else "knee"
         equality.objtype = mujoco.mjtObj.mjOBJ_JOINT
-        equality.data[:5] = [0.0, *(digits(value * scale.height) for value in motion[key])]
+        powers = [1 - power if name == last else 1 for power in range(1, 5)]  # of the length that coefficients hold
+        scaled = (value * scale.height**power for value, power in zip(coefficients, powers, strict=True))
+        equality.data[:5] = [0.0, *(digits(value) for value in scaled)]
         equality.solref = list(_KNEE_SOLREF)
         equality.solimp = list(_KNEE_SOLIMP)
 

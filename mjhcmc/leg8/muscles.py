@@ -73,6 +73,9 @@ def add_muscles(spec: mujoco.MjSpec, table: Mapping[str, Any], scale: Scale, fra
             if "wrap" in point:
                 tendon.wrap_geom(point["wrap"], f"{point['wrap']}_side")
                 continue
+            if "gap" in point:  # what follows is a branch of its own: the way from the site before to the one after
+                tendon.wrap_pulley(1.0)  # counts for nothing
+                continue
             site = f"{name}_{point['name']}"
             body = spec.body(BODIES[point["body"]])
             pos = np.asarray(point["pos"]) + frames[point["body"]]

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +60,7 @@ class OsimLeg:
         self._require("bodies", [self.body(part) for part in SEGMENTS], self.model.bodies)
         self._require("muscles", [self.name(muscle) for muscle in MUSCLES], self.model.muscles)
         self._require("coordinates", sorted(own), self.model.coordinates)
-        for parent, child in zip(SEGMENTS, SEGMENTS[1:], strict=False):
+        for parent, child in pairwise(SEGMENTS):
             self._check_joint(self.body(parent), child)
         for muscle in MUSCLES:
             for point in self.model.muscles[self.name(muscle)].path:
@@ -79,8 +80,8 @@ class OsimLeg:
         if joint is None or joint.parent != parent or joint.axes is None:
             what = "no joint" if joint is None else f"joint {joint.name} ({joint.kind}) to {joint.parent}"
             raise ModelError(
-                f"{self.model.path}: body {self.body(part)} has {what}: leg8 needs a PinJoint, CustomJoint or WeldJoint "
-                f"to {parent}"
+                f"{self.model.path}: body {self.body(part)} has {what}: leg8 needs a PinJoint, CustomJoint or "
+                f"WeldJoint to {parent}"
             )
         angles = np.array([-0.3, 0.0, 0.2])
         turned = self._relative(part, angles)[0]
@@ -147,6 +148,20 @@ class OsimLeg:
         """Orientation (3, 3) and origin (3,) of each segment in the pelvis at zero angles."""
         return {part: (turn[0], place[0]) for part, (turn, place) in self.frames(np.zeros((1, 3))).items()}
 
+    def origin(self, part: str) -> Array:
+        """Where the parameter table's frame of a segment lies in the pelvis at zero angles (3,), m.
+
+        On the hip and on the ankle for femur and talus, on the segment's own origin for the others; its axes are the
+        pelvis'.
+        """
+        return self.center(part) if part in ("femur", "talus") else self.rest[part][1]
+
+    def place(self, point: OsimPoint) -> tuple[str, Array]:
+        """A path point's segment, and its place at zero angles in the table's frame of that segment (3,), m."""
+        part = self.part(point.body)
+        turn, place = self.rest[part]
+        return part, turn @ self._local(point, self._values(np.zeros((1, 3))))[0] + place - self.origin(part)
+
     def knee_path(self, angle: Array) -> Array:
         """Where the tibia's origin is in the femur, seen from the hip and in the axes of zero angles (n, 3), m."""
         qpos = np.zeros((len(angle), 3))
@@ -178,28 +193,37 @@ class OsimLeg:
         active = self.active(muscle, qpos) if active is None else active
         length, last = np.zeros(len(qpos)), np.full((len(qpos), 3), math.nan)
         for point, is_on in zip(self.model.muscles[self.name(muscle)].path, active, strict=True):
-            local = np.tile(np.asarray(point.pos, float), (len(qpos), 1))
-            for axis, (coordinate, function) in point.moves.items():
-                local[:, axis] = function(values[coordinate])
-            turn, place = frames[self._part(point.body)]
-            here = place + np.einsum("nij,nj->ni", turn, local)
+            turn, place = frames[self.part(point.body)]
+            here = place + np.einsum("nij,nj->ni", turn, self._local(point, values))
             length += np.where(is_on, np.nan_to_num(np.linalg.norm(here - last, axis=1)), 0.0)
             last = np.where(is_on[:, None], here, last)
         return length
 
+    @staticmethod
+    def _local(point: OsimPoint, values: Mapping[str, Array]) -> Array:
+        """A path point's place in its body (n, 3), m."""
+        local = np.tile(np.asarray(point.pos, float), (len(next(iter(values.values()))), 1))
+        for axis, (coordinate, function) in point.moves.items():
+            local[:, axis] = function(values[coordinate])
+        return local
+
+    def length_and_arm(self, muscle: str, qpos: Array) -> tuple[Array, Array]:
+        """One muscle's lengths (n,), m, and moment arms -dL/dq (n, 3), m, at joint angles (n, 3), rad."""
+        active = self.active(muscle, qpos)  # kept over the difference: a path that jumps has no moment arm there
+        arm = np.empty((len(qpos), 3))
+        for j in range(3):
+            shift = np.eye(3)[j] * _STEP
+            ahead, behind = (self.length(muscle, qpos + sign * shift, active) for sign in (1, -1))
+            arm[:, j] = -(ahead - behind) / (2 * _STEP)
+        return self.length(muscle, qpos, active), arm
+
     def lengths_and_arms(self, qpos: Array) -> tuple[Array, Array]:
         """Lengths (n, 8), m, and moment arms -dL/dq (n, 8, 3), m, of leg8's muscles at joint angles (n, 3), rad."""
-        length, arm = np.empty((len(qpos), len(MUSCLES))), np.empty((len(qpos), len(MUSCLES), 3))
-        for i, muscle in enumerate(MUSCLES):
-            active = self.active(muscle, qpos)  # kept over the difference: a path that jumps has no moment arm there
-            length[:, i] = self.length(muscle, qpos, active)
-            for j in range(3):
-                shift = np.eye(3)[j] * _STEP
-                ahead, behind = (self.length(muscle, qpos + sign * shift, active) for sign in (1, -1))
-                arm[:, i, j] = -(ahead - behind) / (2 * _STEP)
-        return length, arm
+        each = [self.length_and_arm(muscle, qpos) for muscle in MUSCLES]
+        return np.stack([length for length, _ in each], axis=1), np.stack([arm for _, arm in each], axis=1)
 
-    def _part(self, body: str) -> str:
+    def part(self, body: str) -> str:
+        """The segment that an OpenSim body is."""
         return body if body == "pelvis" else body[:-2]
 
 

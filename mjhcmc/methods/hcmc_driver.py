@@ -28,6 +28,7 @@ _STABLE = 2.0  # step times decay rate up to which a trial may step coarsely; Ru
 _USUAL_DT = 0.01  # s
 _STIFFNESS_EVERY = 8  # windows
 _OF_OTHERS = 0.05  # of the rms acceleration of the joints that move most
+_HELD_GAIN = 1.5  # a limit or contact that comes and goes makes quick feedback bounce
 _SUSPECT = 0.7  # of the rate that is stable: how far from it the expected end may be
 _RUN_AWAY = 1.0  # times the largest acceleration of the motion
 
@@ -100,6 +101,7 @@ class HcmcDriver:
         self._missable = share * np.maximum(rms, _OF_OTHERS * others)
         self._M, self._B, self._K = np.empty((b, nz, nz)), np.empty((b, nz, n)), np.empty((b, nz, nz))
         self._qacc_at, self._before, self._price = np.empty((b, nz)), np.empty((b, n)), np.zeros((b, nz))
+        self._gain = np.full(b, float(settings.gain))
 
     def _references(self, references: Sequence[Reference]) -> tuple[Array, Array, Array]:
         """Desired positions, velocities and accelerations of all simulations, (n, b, nv)."""
@@ -208,6 +210,7 @@ class HcmcDriver:
 
     def _keep(self, at: Index, found: Linearization) -> None:
         self._M[at], self._B[at] = found.M, found.B
+        self._gain[at] = np.where(found.held, min(self._settings.gain, _HELD_GAIN), self._settings.gain)
         if found.K is not None:
             self._K[at] = found.K
 
@@ -234,7 +237,7 @@ class HcmcDriver:
         _fill_aim(
             self._M[at], self._B[at], space.of(space.difference(self._qpos[k, at], q)), space.of(self._qvel[k, at]),
             space.of(ahead), space.of(self._goal_qvel[k, at]), space.of(self._goal_qacc[k, at]), v, qacc,
-            self._least_authority[at], self._authority, float(settings.gain), h, kp, kv, goal, way, speed,
+            self._least_authority[at], self._authority, self._gain[at], h, kp, kv, goal, way, speed,
         )  # fmt: skip
         expected = rows.copy()
         if not space.all_tracked:
@@ -369,8 +372,8 @@ def _fill_aim(  # type: ignore[no-untyped-def]
             v, a = v_now[s, j], at_start[s, j]
             e, e_rate = abs(error[s, j]), abs(qvel[s, j] - v)
             denominator = e_rate + np.sqrt(e_rate * e_rate + alpha * e)
-            w = gain / h
-            damped = 1.0 - gain / 6.0
+            w = gain[s] / h
+            damped = 1.0 - gain[s] / 6.0
             if denominator > 0.0 and alpha > 0.0 and alpha / denominator < w:
                 w, damped = alpha / denominator, 1.0
             kp[s, j] = w * w

@@ -22,6 +22,7 @@ class JointCoupling:
     Attributes:
         follows: the joint x that each dependent joint follows, by index; -1 where it is held.
         coefficients: (5,) c0 to c4 of each.
+        free_dofs: indices of the degrees of freedom that follow nothing.
         others: active equalities of other kinds, which are not represented.
     """
 
@@ -41,6 +42,7 @@ class JointCoupling:
                 self.coefficients[y] = m.eq_data[e, :5].tolist()
             else:
                 self.others += 1
+        self.free_dofs = np.setdiff1d(np.arange(self._nv), self._dof[list(self.follows)]).astype(np.intp)
         self._order = sorted(self.follows, key=self._depth)  # each after the one that it follows
 
     def _is_new(self, y: int, x: int) -> bool:
@@ -50,11 +52,6 @@ class JointCoupling:
                 return False
             x = self.follows.get(x, -1)
         return y not in self.follows
-
-    @property
-    def free_dofs(self) -> NDArray[np.intp]:
-        """Indices of the degrees of freedom that follow nothing."""
-        return np.setdiff1d(np.arange(self._nv), self._dof[list(self.follows)]).astype(np.intp)
 
     def fill(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
         """qpos (nq,) with the dependent joints where the others put them."""

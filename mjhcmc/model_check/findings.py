@@ -10,6 +10,7 @@ from mjhcmc.model_problems import Problem
 
 _DEFAULT_VMAX = 1.5  # L0/s, MuJoCo's; Hill muscles have about 10 (Zajac 1989)
 _NO_STRENGTH = 1e-3  # share of the joint's strength the other way
+_NOTHING = 1e-9  # share of the strongest joint's: rounding
 
 
 def findings(report: ModelReport, jumps: Sequence[Jump]) -> tuple[Problem, ...]:
@@ -19,8 +20,10 @@ def findings(report: ModelReport, jumps: Sequence[Jump]) -> tuple[Problem, ...]:
         report: what was measured.
         jumps: in muscle lengths.
     """
+    strengths = [abs(one) for joint in report.joints for dof in joint.dofs for one in dof.strength or ()]
+    nothing = _NOTHING * max(strengths, default=0.0)
     found = [
-        *(problem for joint in report.joints for problem in _of_joint(joint)),
+        *(problem for joint in report.joints for problem in _of_joint(joint, nothing)),
         *(_of_contact(contact) for contact in report.contacts),
         *(problem for muscle in report.muscles for problem in _of_muscle(muscle)),
         *(_of_jump(report, jump) for jump in jumps),
@@ -30,13 +33,13 @@ def findings(report: ModelReport, jumps: Sequence[Jump]) -> tuple[Problem, ...]:
     return tuple(sorted(found, key=lambda problem: problem.level == "note"))
 
 
-def _of_joint(joint: JointReport) -> Iterator[Problem]:
+def _of_joint(joint: JointReport, nothing: float) -> Iterator[Problem]:
     where = f"joint {joint.name!r}"
     if joint.negative_strength_range is not None and joint.positive_strength_range is not None:
         negative, positive = -joint.negative_strength_range[0], joint.positive_strength_range[1]
         least = _NO_STRENGTH * max(negative, positive)
         way = None
-        if max(negative, positive) <= 0 or not joint.muscles:
+        if max(negative, positive) <= nothing or not joint.muscles:
             way = "either way"
         elif negative <= least:
             way = "in the negative direction"
@@ -44,9 +47,14 @@ def _of_joint(joint: JointReport) -> Iterator[Problem]:
             way = "in the positive direction"
         if way is not None:
             remedy = "expect reserves there, or add a muscle, or fix the joint"
+            if way == "either way" and joint.muscles:
+                way, remedy = (
+                    f"{way}, others at the reference pose,",
+                    "expect reserves there, or start from another pose",
+                )
             yield Problem(f"cannot be moved {way} by any muscle", where, remedy, "warning")
     for dof in joint.dofs if joint.unit is None else ():
-        if dof.strength is not None and not any(dof.strength):
+        if dof.strength is not None and max(map(abs, dof.strength)) <= nothing:
             remedy = "expect reserves there, or add a muscle, or prescribe the joint"
             yield Problem(
                 "cannot be moved by any muscle at the reference pose", f"joint {dof.name!r}", remedy, "warning"
@@ -54,15 +62,11 @@ def _of_joint(joint: JointReport) -> Iterator[Problem]:
     if joint.usable is not None:
         low, high = (position_text(joint.unit, position) for position in joint.usable)
         names = ", ".join(joint.first_out)
-        yield Problem(
-            f"can go from {low} to {high} only, where what equality constraints tie to it reaches its own range "
-            f"({names})"
-            if names
-            else f"can go from {low} to {high} only, where the equality constraints can be met",
-            where,
-            "keep the motion within, or widen those ranges" if names else "keep the motion within",
-            "warning",
-        )
+        if names:
+            why, remedy = f"where what is tied to it leaves a range of its own ({names})", "or widen those ranges"
+        else:
+            why, remedy = "where the equality constraints can be met", "or change these"
+        yield Problem(f"can go from {low} to {high}, {why}", where, f"keep the motion within, {remedy}", "note")
     if joint.reference_outside is not None:
         yield Problem(
             f"has its reference pose, {position_text(joint.unit, joint.reference_outside)}, outside its range",

@@ -78,7 +78,11 @@ def _usable(plant: ScanPlant, one: Sweep, names: tuple[str, ...]) -> tuple[tuple
     """Between which positions of a swept joint what is tied stays within its ranges, and what leaves them first."""
     model, m = plant.model, plant.model.mj_model
     dependent = set(model.roles.dependent.tolist())
-    joints = [j for j in range(m.njnt) if int(m.jnt_dofadr[j]) in dependent and m.jnt_limited[j] and m.jnt_type[j] >= 2]
+    joints = [
+        j
+        for j in range(m.njnt)
+        if int(m.jnt_dofadr[j]) in dependent and m.jnt_limited[j] and joint_type(m, j) in ("hinge", "slide")
+    ]
     low, high = m.jnt_range[joints].T
     columns = m.jnt_qposadr[joints]
 

@@ -146,15 +146,15 @@ def measure(plant: ScanPlant, qpos: NDArray[np.float64]) -> Pose:
     _rest_at(plant, qpos, 0.0)
     d = plant.mj_data
     length = d.actuator_length[plant.mj_model.actuator_outadr[plant.model.muscle_ids]]
-    moments, arm = dynamics.muscle_moments(plant), dynamics.moment_arms(plant)
-    both = plant.ties.reduce(qpos, np.column_stack([moments.B, arm.T, moments.p + d.qfrc_passive]))
-    n = len(length)
-    ends = both[:, :n, None] * plant.model.excitation_range
+    moments = dynamics.muscle_moments(plant)
+    both = plant.ties.reduce(qpos, np.column_stack([dynamics.moment_arms(plant).T, moments.p + d.qfrc_passive]))
+    arm, passive = both[:, :-1], both[:, -1]
+    low, high = (arm * (moments.gain * end) for end in plant.model.excitation_range.T)
     return Pose(
         length=length,
-        arm=both[:, n : 2 * n].T,
-        strength=np.stack([ends.min(axis=2).sum(axis=1), ends.max(axis=2).sum(axis=1)], axis=1),
-        passive=both[:, -1],
+        arm=arm.T,
+        strength=np.stack([np.minimum(low, high).sum(axis=1), np.maximum(low, high).sum(axis=1)], axis=1),
+        passive=passive,
     )
 
 
@@ -212,7 +212,10 @@ def decay(plant: ScanPlant, qpos: NDArray[np.float64], activation: float) -> flo
 
     Full activation is the upper end of a muscle's excitation range. What a motion prescribes stands still.
     """
-    return decay_rate(*_reduced(plant, qpos, activation))
+    try:
+        return decay_rate(*_reduced(plant, qpos, activation))
+    except np.linalg.LinAlgError:  # no inertia some way, as in a gimbal lock: nothing can be said
+        return 0.0
 
 
 def fastest(plant: ScanPlant, qpos: NDArray[np.float64], activation: float) -> int:

@@ -17,6 +17,7 @@ _JOINTS_SHOWN = 45
 _TIES_SHOWN = 30
 _NAMES_SHOWN = 24
 _NAME_WIDTH = 20
+_LONG_NAME = 32
 _NUMBER = re.compile(r"(?<![\w.])-?\d[\d.e+-]*")  # not the digits of a name
 _HEADINGS = {
     "error": "ERRORS: solve refuses this model until they are gone",
@@ -53,8 +54,8 @@ def _head(report: ModelReport) -> list[str]:
         f"{_count(report.tendon_limits, 'tendon limit')}, {_count(len(report.equalities), 'equality constraint')}",
         f"{_count(report.colliding_pairs, 'pair')} of geoms can touch, {len(report.contacts)} in contact at "
         "the reference pose",
-        _roles(report),
         f"solve REFUSES this model: {_count(errors, 'error')}, below" if errors else _accepted(report),
+        _roles(report),
     ]
 
 
@@ -74,7 +75,9 @@ def _count(n: int, thing: str) -> str:
 def _roles(report: ModelReport) -> str:
     counts = {role: n for role, n in report.roles.items() if n}
     named = ", ".join(f"{n} {role}" for role, n in counts.items())
-    return f"{_count(sum(counts.values()), 'degree')} of freedom: {named or 'nothing moves'}"
+    poses = f"; keyframes: {', '.join(report.keyframes[:4])}" if report.keyframes else ""
+    n = sum(counts.values())
+    return f"{_count(n, 'degree')} of freedom{': ' if named else ''}{named}{poses}"
 
 
 def _joint_table(joints: Sequence[JointReport]) -> list[str]:
@@ -102,16 +105,21 @@ def _tie_tables(report: ModelReport) -> list[list[str]]:
     following = [joint for joint in report.joints if joint.follows is not None]
     blocks = []
     if following:
-        rows = [["dependent joint", "follows", "by, in rad and m from the reference", "range"]]
-        rows += [
-            [_name(joint.name), _name(joint.follows or "-"), _polynomial(joint), _joint_range(joint)]
-            for joint in following[:_TIES_SHOWN]
-        ]
-        blocks.append([*_table(rows, "lllr"), *_cut(len(following), _TIES_SHOWN)])
+        shown = sorted(following, key=lambda joint: joint.follows or "")[:_TIES_SHOWN]
+        width = max(len(_name(joint.name, _LONG_NAME)) for joint in shown)
+        lines = ["dependent joints: their way from qpos0 by x, the way of the joint that they follow, rad and m"]
+        for leader in dict.fromkeys(joint.follows for joint in shown):
+            lines.append(f"follow x = {leader}" if leader else "held")
+            lines += [
+                f"  {_name(joint.name, _LONG_NAME):{width}}  {_polynomial(joint)}"
+                for joint in shown
+                if joint.follows == leader
+            ]
+        blocks.append([*lines, *_cut(len(following), _TIES_SHOWN)])
     others = [tie for tie in report.equalities if not (tie.type == "joint" and _told(tie.ties, following))]
     if others:
         tied = [
-            f"{joint.name if len(joint.dofs) == 1 else dof.name}"
+            dof.name
             for joint in report.joints
             for dof in joint.dofs
             if dof.role == "dependent" and joint.follows is None
@@ -132,7 +140,7 @@ def _told(ties: Sequence[str], following: Sequence[JointReport]) -> bool:
 def _polynomial(joint: JointReport) -> str:
     assert joint.polynomial is not None
     if not joint.follows:
-        return f"held at {joint.polynomial[0]:.4g}"
+        return f"{joint.polynomial[0]:+.4g}"
     powers = ["", " x", " x^2", " x^3", " x^4"]
     terms = [f"{c:+.3g}{power}" for c, power in zip(joint.polynomial, powers, strict=True) if c]
     return " ".join(terms) or "0"
@@ -212,18 +220,16 @@ def _joints_crossed(names: Sequence[str]) -> str:
 
 
 def _step_table(report: ModelReport) -> list[str]:
-    rows = [["muscles", "at the reference pose", "over the ranges", ""]]
+    rows = [["muscles", "at reference", "over ranges", "where", "limited by"]]
     for step in report.steps:
         where = ""
         if step.worst_joint is not None and step.worst_position is not None:
             joint = next(joint for joint in report.joints if joint.name == step.worst_joint)
-            where = f"({step.worst_joint} at {position_text(joint.unit, step.worst_position)})"
-        if step.fastest is not None:
-            where = f"{where} limited by {step.fastest}".strip()
-        activity = "fully active" if step.activation else "at rest"
-        rows.append([activity, _milliseconds(step.at_reference), _milliseconds(step.over_range), where])
+            where = f"{_name(step.worst_joint)} at {position_text(joint.unit, step.worst_position)}"
+        activity, by = "fully active" if step.activation else "at rest", _name(step.fastest or "")
+        rows.append([activity, _milliseconds(step.at_reference), _milliseconds(step.over_range), where, by])
     default = 1e3 * report.default_physics_dt
-    return [f"largest stable physics step (RK4); the default is {default:g} ms", *_table(rows, "lrrl")]
+    return [f"largest stable physics step (RK4); the default is {default:g} ms", *_table(rows, "lrrll")]
 
 
 def _milliseconds(step: float | None) -> str:
@@ -278,9 +284,9 @@ def _cut(count: int, shown: int) -> list[str]:
     return [f"... {count - shown} more with --json"] if count > shown else []
 
 
-def _name(name: str) -> str:
+def _name(name: str, width: int = _NAME_WIDTH) -> str:
     """A long name without its middle: sides and numbers stand at the end."""
-    return name if len(name) <= _NAME_WIDTH else f"{name[:8]}..{name[10 - _NAME_WIDTH :]}"
+    return name if len(name) <= width else f"{name[: width - 12]}..{name[-10:]}"
 
 
 def _force(value: float, digits: int = 3) -> str:

@@ -34,7 +34,7 @@ class Ties:
         self.free_dofs = np.setdiff1d(np.arange(m.nv), model.roles.dependent).astype(np.intp)
         polynomials_do = not self.joints.others and np.array_equal(self.free_dofs, self.joints.free_dofs)
         self._general = None if polynomials_do else model.coupling
-        self._m = m
+        self._m, self._tied = m, model.roles.dependent
 
     def fill(self, qpos: Array) -> Array | None:
         """qpos (nq,) with what is tied where the constraints put it; None where they cannot be met from there."""
@@ -69,8 +69,10 @@ class Ties:
         Returns:
             (nv, ...), zero where tied.
         """
-        result = np.zeros_like(values)
-        result[self.free_dofs] = np.tensordot(self.tangent(qpos).T, values, axes=1)
+        result = values.copy()
+        if len(self._tied):
+            result[self.free_dofs] += self.tangent(qpos)[self._tied].T @ values[self._tied]
+            result[self._tied] = 0.0
         return result
 
 

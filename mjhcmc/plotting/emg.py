@@ -58,8 +58,11 @@ def emg_figure(comparison: EmgComparison) -> Figure:
             ax.plot(time, envelope, color=DESIRED, lw=3.2, label="EMG", solid_capstyle="butt")
             ax.plot(time, u, color=BLUE, lw=1.3, label="excitation", drawstyle="steps-mid")
             scale_values(sheet, ax, "excitation", "1", [u, envelope], headroom=0.5)
-            if i % n_column:
-                ax.set_ylabel("")
+            label = ax.get_ylabel()  # an excitation has no unit, but may have a power of ten
+            plain = label == "excitation (1)"
+            sheet.label_values(
+                ax, "" if plain and i % n_column else "excitation" if plain else label.replace(" 1)", ")")
+            )
             ax.set_xlim(time[0] - half, time[-1] + half)
             note(ax, _words(one))
             finish(ax, time_label=i + n_column >= count)
