@@ -38,6 +38,33 @@ class Coupling:
         self._d = mujoco.MjData(self._m)
         self._dependent = roles.dependent
         self._independent = np.setdiff1d(np.arange(m.nv), roles.dependent).astype(np.intp)
+        self._polynomials = _polynomials(m)
+
+    def tangent(self, qpos: Array) -> Array:
+        """N (..., nv, nv) at positions (..., nq): columns of dependent degrees of freedom are 0, see the class."""
+        rows = qpos.reshape(-1, qpos.shape[-1])
+        if self._polynomials is None:
+            N = np.stack([self._tangent_of_rows(row) for row in rows])
+        else:
+            N = np.zeros((len(rows), self._m.nv, self._m.nv))
+            N[:, self._independent, self._independent] = 1.0
+            for tie in self._polynomials:
+                N[:, tie.dof] = tie.slope(rows)[:, None] * N[:, tie.of_dof] if tie.of_dof >= 0 else 0.0
+        return N.reshape(*qpos.shape[:-1], self._m.nv, self._m.nv)
+
+    def project(self, qpos: Array) -> Array:
+        """Positions (..., nq) with the dependent degrees of freedom where the equalities put them.
+
+        Raises:
+            MotionError: there is no such position near.
+        """
+        rows = qpos.reshape(-1, qpos.shape[-1]).copy()
+        if self._polynomials is None:
+            rows = np.stack([self._project_row(row) for row in rows])
+        else:
+            for tie in self._polynomials:
+                rows[:, tie.at] = tie.value(rows)
+        return rows.reshape(qpos.shape)
 
     def _rows(self, qpos: Array) -> tuple[Array, Array]:
         """Jacobian (ne, nv) and violation (ne,) at a position."""
@@ -50,8 +77,7 @@ class Coupling:
         J = equality_jacobian(m, d)
         return J, np.array(d.efc_pos[: len(J)])
 
-    def tangent(self, qpos: Array) -> Array:
-        """N (nv, nv) at a position (nq,): columns of dependent degrees of freedom are 0, see the class."""
+    def _tangent_of_rows(self, qpos: Array) -> Array:
         J, _ = self._rows(qpos)
         D, I = self._dependent, self._independent  # noqa: E741 - the equation's
         N = np.zeros((self._m.nv, self._m.nv))
@@ -59,12 +85,7 @@ class Coupling:
         N[np.ix_(D, I)] = -np.linalg.lstsq(J[:, D], J[:, I], rcond=None)[0]
         return N
 
-    def project(self, qpos: Array) -> Array:
-        """The position (nq,) with the dependent degrees of freedom where the equalities put them.
-
-        Raises:
-            MotionError: there is no such position near.
-        """
+    def _project_row(self, qpos: Array) -> Array:
         found = qpos.copy()
         left = np.inf
         for _ in range(_MOST_TURNS):
@@ -83,3 +104,52 @@ class Coupling:
                 "or the constraints where they contradict each other"
             )
         return found
+
+
+class _Tie:
+    """A joint equality: y - y0 = c0 + c1 (x - x0) + ... + c4 (x - x0)^4, y0 and x0 at the reference pose."""
+
+    def __init__(self, m: Any, e: int) -> None:
+        y, x = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
+        self.joint, self.of_joint = y, x
+        self.dof, self.of_dof = int(m.jnt_dofadr[y]), int(m.jnt_dofadr[x]) if x >= 0 else -1
+        self.at, self._from = int(m.jnt_qposadr[y]), int(m.jnt_qposadr[x]) if x >= 0 else -1
+        self._y0, self._x0 = float(m.qpos0[self.at]), float(m.qpos0[self._from]) if x >= 0 else 0.0
+        self._c = np.array(m.eq_data[e, :5])
+
+    def _x(self, rows: Array) -> Array:
+        return rows[:, self._from] - self._x0 if self._from >= 0 else np.zeros(len(rows))
+
+    def value(self, rows: Array) -> Array:
+        """(n,) where it puts y."""
+        return np.asarray(self._y0 + np.polynomial.polynomial.polyval(self._x(rows), self._c))
+
+    def slope(self, rows: Array) -> Array:
+        """(n,) dy/dx."""
+        return np.asarray(np.polynomial.polynomial.polyval(self._x(rows), self._c[1:] * np.arange(1, 5)))
+
+
+def _polynomials(m: Any) -> list[_Tie] | None:
+    """The equalities, each after the one that it follows; None where they are not all polynomials of hinges and slides.
+
+    Two for one joint, or a ring of joints that follow each other, are no functions either.
+    """
+    flat = {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)}
+    active = np.flatnonzero(m.eq_active0)
+    if (m.eq_type[active] != int(mujoco.mjtEq.mjEQ_JOINT)).any():
+        return None
+    ties = [_Tie(m, int(e)) for e in active]
+    by_joint = {tie.joint: tie for tie in ties}
+    if len(by_joint) < len(ties):
+        return None
+    if any(int(m.jnt_type[j]) not in flat for tie in ties for j in (tie.joint, tie.of_joint) if j >= 0):
+        return None
+    ordered: list[_Tie] = []
+    placed = {-1, *(j for j in range(m.njnt) if j not in by_joint)}
+    while len(ordered) < len(ties):
+        ready = [tie for tie in ties if tie.joint not in placed and tie.of_joint in placed]
+        if not ready:
+            return None
+        ordered += ready
+        placed |= {tie.joint for tie in ready}
+    return ordered

@@ -41,7 +41,7 @@ _AT_NODES = (
 _VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NEAR = 1e-3  # rad or m from a joint's limit
 _OF_ACTUATORS = ("actuator_force", "actuator_length", "actuator_velocity", "ten_velocity", "ten_J")
-_NODES_AT_ONCE = 64  # bounds the memory of the pass over a long record
+_NODES_AT_ONCE = 1024  # bounds the memory of the pass over a long record
 
 
 @dataclass(frozen=True)
@@ -154,6 +154,7 @@ class Lockstep:
         self._nodes: tuple[Batch, Bound] | None = None
         self._faults: dict[int, str] = {}
         self._kinematics: dict[int, Kinematics] = {}
+        self._last: tuple[int, float, Any] | None = None
         self._batches = {1.0: self._batch(1.0)}
         first, batch = models[0], self._batches[1.0]
         self._qacc = batch.bind("qacc")
@@ -181,9 +182,7 @@ class Lockstep:
         """The simulations, each so many times over, with a step of so many times physics_dt."""
 
         def stepped(model: MuscleModel) -> Any:
-            m = heavy(copy.copy(model.mj_model), self._heavy)
-            m.opt.timestep = times * self.physics_dt
-            return m
+            return self._stepped(model, times)
 
         first = self._models[0]
         batch = Batch(stepped(first), copies * self.count, self._threads)
@@ -191,6 +190,14 @@ class Lockstep:
             own = [stepped(model) for model in self._models]
             batch.set_models([m for m in own for _ in range(copies)])
         return self._watched(batch)
+
+    def _stepped(self, model: MuscleModel, times: float) -> Any:
+        """A model's own with a step of so many times physics_dt; that of the last one asked for is kept."""
+        if self._last is None or self._last[:2] != (id(model), times):
+            m = heavy(copy.copy(model.mj_model), self._heavy)
+            m.opt.timestep = times * self.physics_dt
+            self._last = id(model), times, m
+        return self._last[2]
 
     def _watched(self, batch: Batch) -> Batch:
         """The batch, with the kinematics that loads need kept up to date: what is bound late is filled late."""
@@ -267,7 +274,7 @@ class Lockstep:
         b, nv, n = len(ids), self._models[0].nv, self._models[0].n_muscle
         lost, bound, probe = self._look(ids, start, self.layout.qvel.start, VELOCITY_STEP)
         failed |= lost
-        held = self._held(start, bound.ncon[(2 + nv) * ids])
+        n_contact = bound.ncon[(2 + nv) * ids]
         qacc, gain, bias = np.empty((b, nv)), np.empty((b, n)), np.empty((b, n))
         M, B, D = np.empty((b, nv, nv)), np.empty((b, nv, n)), np.empty((b, nv, nv))
         read_around(
@@ -281,7 +288,8 @@ class Lockstep:
             failed |= self._look(ids, start, self.layout.qpos.start, POSITION_STEP)[0]
             K = np.empty((b, nv, nv))
             read_slopes(ids, POSITION_STEP, bound.qfrc_smooth, K)
-        self._hold(ids, start, held, M, D, K)
+        self._hold(ids, start, n_contact, M, D, K)
+        held = self._held(start, n_contact)
         return Linearization(without(failed, ids, qacc), M, B, gain, bias, D, K, held)
 
     @cached_property
@@ -299,21 +307,25 @@ class Lockstep:
         found: NDArray[np.bool_] = ((q < limits[:, 0] + _NEAR) | (q > limits[:, 1] - _NEAR)).any(axis=1)
         return found | (n_contact > 0)
 
-    def _hold(self, ids: Ids, rows: Array, held: NDArray[np.bool_], M: Array, D: Array, K: Array | None) -> None:
-        """Add what limits and contacts do to M, D and K of simulations that they hold."""
-        for at in np.flatnonzero(held):
+    def _hold(
+        self, ids: Ids, rows: Array, n_contact: NDArray[np.int32], M: Array, D: Array, K: Array | None
+    ) -> None:
+        """Add what contacts (and limits with them) do to M, D and K of simulations that they hold.
+
+        Limits alone are left out: joints come off them again as soon as muscles move them.
+        """
+        for at in np.flatnonzero(n_contact):
             i, row = ids[at], rows[at]
-            m = heavy(copy.copy(self._models[i].mj_model), self._heavy) if self._differ else self._holder[0]
-            d = mujoco.MjData(m) if self._differ else self._holder[1]
+            m = self._stepped(self._models[i], 1.0)
+            d = mujoco.MjData(m) if self._differ else self._holder
             spec = int(mujoco.mjtState.mjSTATE_INTEGRATION)
             mujoco.mj_setState(m, d, row[: mujoco.mj_stateSize(m, spec)].copy(), spec)
             mujoco.mj_forward(m, d)
             add_held(m, d, M[at], D[at], None if K is None else K[at])
 
     @cached_property
-    def _holder(self) -> tuple[Any, Any]:
-        m = heavy(copy.copy(self._models[0].mj_model), self._heavy)
-        return m, mujoco.MjData(m)
+    def _holder(self) -> Any:
+        return mujoco.MjData(self._stepped(self._models[0], 1.0))
 
     def _look(self, ids: Ids, start: Array, first: int, step: float) -> tuple[set[int], Bound, Array]:
         """Look around states; returns what failed, the derived quantities and the rows that they belong to."""
@@ -330,17 +342,17 @@ class Lockstep:
 
     def nodes(self, i: int, rows: Array, reserve: Array) -> NodeForces:
         """See `Plants`."""
-        if len(rows) > _NODES_AT_ONCE:
+        if len(rows) > max(8, _NODES_AT_ONCE // self._models[i].nv):
             halves = np.array_split(np.arange(len(rows)), 2)
             parts = [self.nodes(i, rows[half], reserve[half]) for half in halves]
             return NodeForces(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(NodeForces)))
         model, k = self._models[i], len(rows)
         if self._nodes is None or self._nodes[0].nsim != k:
-            batch = self._watched(Batch(heavy(copy.copy(model.mj_model), self._heavy), k, self._threads))
+            batch = self._watched(Batch(self._stepped(model, 1.0), k, self._threads))
             self._nodes = batch, Bound(batch, model, _AT_NODES)
         batch, bound = self._nodes
         if self._differ:
-            batch.set_models(heavy(copy.copy(model.mj_model), self._heavy))
+            batch.set_models(self._stepped(model, 1.0))
         start, load = self._surround_nodes(i, batch, rows, reserve)
         batch.state[:] = start
         batch.forward()
@@ -471,8 +483,9 @@ class Beside:
             bias += np.array([here.fiber_damping(self._models[i], i) for i in ids])
         if self._tendons.size:
             D += self._of_tendons(m, here, ids)
-        held, slopes = plants._held(start, here.ncon[ids]), K if stiffness else None
-        plants._hold(ids, start, held, M, D, slopes)
+        n_contact, slopes = here.ncon[ids], K if stiffness else None
+        plants._hold(ids, start, n_contact, M, D, slopes)
+        held = plants._held(start, n_contact)
         return failed, Linearization(qacc, M, B, gain, bias, D, slopes, held)
 
     def _of_tendons(self, m: Any, here: Bound, ids: Ids) -> Array:

@@ -37,15 +37,10 @@ def fit_to_model(motion: Motion, model: MuscleModel) -> Motion:
     if model.coupling is None:
         return motion
     tied = coordinates_of(model.mj_model, model.roles.dependent)
-    rows = np.array(motion.qpos)
-    for i, row in enumerate(motion.qpos):
-        guess = row.copy()
-        # the row before is the better start where the motion is silent
-        guess[tied] = rows[i - 1, tied] if i else model.qpos_reference[tied]
-        try:
-            rows[i] = model.coupling.project(guess)
-        except MotionError as error:
-            raise MotionError(f"motion {motion.name!r}, at {motion.time[i]:.6g} s: {error}") from None
+    try:
+        rows = model.coupling.project(motion.qpos)
+    except MotionError as error:
+        raise MotionError(f"motion {motion.name!r}: {error}") from None
     start = np.stack([model.mj_model.qpos0, model.qpos_reference])[:, None]
     silent = (np.abs(motion.qpos - start).max(axis=1) <= _STILL).any(axis=0)
     named = tied[~silent[tied]]

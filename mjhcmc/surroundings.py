@@ -26,6 +26,8 @@ Ids = NDArray[np.intp]
 HEAVY = 1e8
 """kg or kg m^2, added to a prescribed degree of freedom: 1000 N on it make 1e-5 m/s^2, undone at each physics step."""
 
+_PLANS = 4  # remembered: a window is looked at several times
+
 External = Callable[[Array], Array]
 """Loads that act from outside, as generalized forces: times (n,) s to (n, nv) N m."""
 
@@ -123,6 +125,7 @@ class Outside:
             if s.loads is not None:
                 own[:, : len(s.loads.body)] = s.loads.ids(model)
         self._most = most
+        self._plans: dict[tuple[bytes, bytes, float, int], Plan] = {}
 
     def plan(self, ids: Ids, start: Array, step: float, n_step: int) -> Plan:
         """What the next steps of simulations take.
@@ -133,6 +136,15 @@ class Outside:
             step: s; 0: look at the start alone.
             n_step: how many.
         """
+        key = ids.tobytes(), start.tobytes(), step, n_step
+        found = self._plans.get(key)
+        if found is None:
+            if len(self._plans) >= _PLANS:
+                self._plans.pop(next(iter(self._plans)))
+            found = self._plans[key] = self._plan(ids, start, step, n_step)
+        return found
+
+    def _plan(self, ids: Ids, start: Array, step: float, n_step: int) -> Plan:
         b = len(ids)
         external = np.zeros((b, n_step, self._nv))
         drive = np.zeros((b, n_step, self._nv))

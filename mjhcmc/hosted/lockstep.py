@@ -7,7 +7,6 @@ to rounding.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -28,7 +27,7 @@ from mjhcmc.lockstep import Array, Bound, Ids, Linearization, Lockstep, without
 from mjhcmc.lockstep_kernels import fill_nodes, put_around
 from mjhcmc.model import MuscleModel
 from mjhcmc.plant import State
-from mjhcmc.surroundings import HEAVY, Surroundings, heavy
+from mjhcmc.surroundings import HEAVY, Surroundings
 
 _STAGED = ("qacc", "M", "nefc", "ncon", "actuator_length", "actuator_velocity")
 _PROBED = (*_STAGED, "qfrc_passive", "qfrc_actuator", "qfrc_bias")
@@ -234,17 +233,17 @@ class HillLockstep(Lockstep):
 
     def nodes(self, i: int, rows: Array, reserve: Array) -> NodeForces:
         """See `Plants`."""
-        if len(rows) > _NODES_AT_ONCE:
+        if len(rows) > max(8, _NODES_AT_ONCE // self._models[i].nv):
             halves = np.array_split(np.arange(len(rows)), 2)
             parts = [self.nodes(i, rows[half], reserve[half]) for half in halves]
             return NodeForces(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(NodeForces)))
         model, k = self._models[i], len(rows)
         if self._nodes is None or self._nodes[0].nsim != k:
-            batch = self._watched(Batch(heavy(copy.copy(model.mj_model), self._heavy), k, self._threads))
+            batch = self._watched(Batch(self._stepped(model, 1.0), k, self._threads))
             self._nodes = batch, Bound(batch, model, _AT_NODES)
         batch, bound = self._nodes
         if self._differ:
-            batch.set_models(heavy(copy.copy(model.mj_model), self._heavy))
+            batch.set_models(self._stepped(model, 1.0))
         start, load = self._surround_nodes(i, batch, rows, reserve)
         batch.state[:] = start[:, : self._n_state]
         call = _Call(np.arange(k), np.repeat(self.parameters[[i]], k, axis=0), None)

@@ -60,8 +60,8 @@ BODIES_TEXT = "opensim_bodies"
 """Name of the model's custom text that maps OpenSim's bodies onto the model's, ``femur_r=thigh ...``."""
 
 _ROOT_AXES = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), FLEXION_AXIS)
-# Stiff: a time constant of 4 RK4 steps, and an impedance of nearly 1 from the first micrometre on.
-_KNEE_SOLREF = (0.004, 1.0)
+# As stiff as MuJoCo lets a step of 1 ms be: a time constant of two steps, and the highest impedance from the start.
+_KNEE_SOLREF = (0.002, 1.0)
 _KNEE_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 _CAM_ARMATURE = 0.005  # kg, of the slides beside another along the same axis, whose mass matrix was singular without
 

@@ -8,6 +8,7 @@ follows the knee's angle in its turn. The cam shifts the shank up, and the upwar
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -24,10 +25,11 @@ The tibia's place is the sum: forward knee_tx + knee_tx_cam, up knee_ty + knee_c
 """
 
 _CAM_START = (-3.3, -3.8, -1.0)  # near the optimum for gait10dof18musc's knee, which scaling does not move
-_CAM_REACH = 0.005  # the cam's farthest way from its place at zero angle, m
+_CAM_REACH = 0.002  # the cam's farthest way from its place at zero angle, m
 # What a metre of deviation, of its first and of its second derivative by angle weigh: gravity, and knee velocities
 # and accelerations of fast walking (50 rad^2/s^2, 60 rad/s^2), all in m/s^2.
 _WEIGHTS = (10.0, 60.0, 30.0)
+_MARGIN = math.radians(5.0)  # that a knee may be bent beyond its range, against its soft limits
 _STEP = 1e-3  # of the difference quotients, rad
 
 KneePath = Callable[[Array], Array]
@@ -67,7 +69,7 @@ def fit_knee_motion(path: KneePath, low: float, high: float) -> KneeMotion:
     """
     from scipy.optimize import least_squares
 
-    angle = np.linspace(low, high, 261)
+    angle = np.linspace(low - _MARGIN, high + _MARGIN, 281)
     before, at, after = (path(angle + shift)[:, :2] for shift in (-_STEP, 0.0, _STEP))
     target = np.concatenate([at, (after - before) / (2 * _STEP), (after - 2 * at + before) / _STEP**2])
     weight = np.repeat(_WEIGHTS, len(angle))[:, None]

@@ -120,8 +120,7 @@ class Record:
         # a node has the reserve of the window that starts there, the last that of the window that ends there
         at_nodes = self._plants.nodes(i, rows, np.concatenate([reserve, reserve[-1:]]))
         if model.coupling is not None:
-            tangents = np.stack([model.coupling.tangent(q) for q in rows[:, layout.qpos]])
-            at_nodes = tied(at_nodes, tangents)
+            at_nodes = tied(at_nodes, model.coupling.tangent(rows[:, layout.qpos]))
         moment, times = at_nodes.net_joint_moment, windows.reference.time[: n + 1]
         qpos, desired = rows[:, layout.qpos], windows.reference.qpos[: n + 1].copy()
         roles = model.roles

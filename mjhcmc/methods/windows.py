@@ -102,7 +102,7 @@ class Windows:
     def tangents(self) -> NDArray[np.float64] | None:
         """(N+1, nv, nv) of the equalities along the desired motion, see `coupling`; None where there are none."""
         coupling = self.model.coupling
-        return None if coupling is None else np.stack([coupling.tangent(q) for q in self.reference.qpos])
+        return None if coupling is None else coupling.tangent(self.reference.qpos)
 
     def seen_from_tracked(self, qpos: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
         """W (nv, nz) at a position, see `coordinates`.

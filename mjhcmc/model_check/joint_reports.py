@@ -108,7 +108,7 @@ def _usable(plant: ScanPlant, one: Sweep, names: tuple[str, ...]) -> tuple[tuple
         return float(one.position[order[-1]]), []
 
     home = int(np.abs(one.position - plant.reference[m.jnt_qposadr[one.joint]]).argmin())
-    if not joints or out(one.qpos[home]).any():
+    if out(one.qpos[home]).any():
         return None, ()
     (least, below), (most, above) = end(range(home, -1, -1)), end(range(home, len(one.position)))
     reached = np.array(scanned_range(model, one.joint))

@@ -213,7 +213,7 @@ def _joints_crossed(names: Sequence[str]) -> str:
     text = ""
     for k, name in enumerate(names):
         longer = f"{text}, {name}" if text else name
-        if len(longer) > 29 and text:
+        if len(longer) > 26 and text:
             return f"{text} +{len(names) - k}"
         text = longer
     return text or "NONE"
