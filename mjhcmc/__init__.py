@@ -15,6 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mjhcmc.detail import Detail
+    from mjhcmc.emg import Emg
+    from mjhcmc.emg_comparison import EmgComparison, compare_emg
+    from mjhcmc.emg_targets import EmgTargets
     from mjhcmc.errors import (
         DivergedError,
         MjhcmcError,
@@ -48,6 +51,9 @@ __version__ = "0.1.0"
 _HOME = {
     "Detail": "detail",
     "DivergedError": "errors",
+    "Emg": "emg",
+    "EmgComparison": "emg_comparison",
+    "EmgTargets": "emg_targets",
     "HillPlant": "hosted.plant",
     "JointMoments": "joint_moments",
     "MjhcmcError": "errors",
@@ -68,6 +74,7 @@ _HOME = {
     "WindowStatus": "solution",
     "check": "model_check.check",
     "cmc": "methods.cmc",
+    "compare_emg": "emg_comparison",
     "export_opensim": "io.export",
     "hcmc": "methods.hcmc",
     "hcmc_batch": "methods.hcmc_batch",
@@ -81,6 +88,9 @@ _HOME = {
 __all__ = [
     "Detail",
     "DivergedError",
+    "Emg",
+    "EmgComparison",
+    "EmgTargets",
     "HillPlant",
     "JointMoments",
     "MjhcmcError",
@@ -101,6 +111,7 @@ __all__ = [
     "WindowStatus",
     "check",
     "cmc",
+    "compare_emg",
     "export_opensim",
     "hcmc",
     "hcmc_batch",

@@ -17,6 +17,7 @@ import click
 
 from mjhcmc import __version__
 from mjhcmc.cli_compare import compare_muscles
+from mjhcmc.cli_emg import emg_command, emg_options, targets_from
 from mjhcmc.cli_support import (
     INTERRUPTED,
     engine_notices,
@@ -60,6 +61,7 @@ def cli() -> None:
 
 
 cli.add_command(compare_muscles)
+cli.add_command(emg_command)
 
 
 @cli.command()
@@ -87,6 +89,7 @@ cli.add_command(compare_muscles)
 @click.option("--min-activation", type=float, metavar="A", help="Least activation of every muscle.")
 @click.option("--disable", multiple=True, metavar="MUSCLE", help="Keep a muscle switched off; may be repeated.")
 @click.option("--solver", default="newton", show_default=True, help="newton, or a qpsolvers back end (daqp, osqp ...).")
+@emg_options
 @click.option("--opensim", is_flag=True, help="Write controls and states for OpenSim, too.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the summary.")
 @_quiet
@@ -114,6 +117,11 @@ def solve(
     min_activation: float | None,
     disable: tuple[str, ...],
     solver: str,
+    emg: Path | None,
+    emg_map: Path | None,
+    emg_weight: float | None,
+    emg_mvc: Path | None,
+    emg_delay: float | None,
     opensim: bool,
     as_json: bool,
     quiet: bool,
@@ -155,6 +163,11 @@ def solve(
         options["joint_moments"] = mjhcmc.JointMoments.from_file(moments, muscle_model, column_map)
         for motion in read:
             options["joint_moments"].check_covers(motion, muscle_model)
+    targets = targets_from(emg, emg_map, emg_weight, emg_mvc, emg_delay, muscle_model.muscle_names)
+    if targets is not None:
+        options["emg"] = targets
+        for motion in read:
+            targets.check_covers(motion)
     if opensim:
         from mjhcmc.io.export import check_names
 

@@ -33,7 +33,7 @@ def add_held(m: Any, d: Any, M: Array, D: Array, K: Array | None) -> None:
     if mujoco.mj_isSparse(m):
         mujoco.mju_sparse2dense(J, d.efc_J, d.efc_J_rownnz, d.efc_J_rowadr, d.efc_J_colind)
     else:
-        J[:] = np.asarray(d.efc_J).reshape(d.nefc, m.nv)
+        J[:] = np.asarray(d.efc_J)[: J.size].reshape(J.shape)  # its memory may be longer
     J, weight, kbip = J[active], d.efc_D[active, None], np.asarray(d.efc_KBIP).reshape(-1, 4)[active]
     M += J.T @ (weight * J)
     D += J.T @ (weight * kbip[:, [1]] * J)

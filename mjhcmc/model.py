@@ -32,6 +32,7 @@ from mjhcmc.model_problems import (
 )
 from mjhcmc.opensim_names import OpenSimNames, read_opensim_names
 from mjhcmc.roles import Role, Roles, find_roles, roles_by_name
+from mjhcmc.surroundings import coordinates_of
 
 __all__ = ["MuscleModel", "compile_model", "engine_integrator", "read_model"]
 
@@ -106,6 +107,20 @@ class MuscleModel:
             for at, kind in zip(m.jnt_qposadr, m.jnt_type, strict=True)
             if int(kind) in kinds
         )
+
+    @cached_property
+    def may_be_silent(self) -> dict[str, bool]:
+        """Coordinates that a motion file need not name, True where nothing is lost by it.
+
+        Those that are not tracked follow, or stay at the reference pose without a word. Tracked ones stay there, with
+        a notice, but for those that the model's own column map names: a file for this model has them.
+        """
+        tracked = set(coordinates_of(self.mj_model, self.roles.tracked).tolist())
+        return {
+            name: i not in tracked
+            for i, name in enumerate(self.joint_names)
+            if i not in tracked or name not in self.column_map
+        }
 
     def with_roles(
         self, *, tracked: Iterable[str] = (), prescribed: Iterable[str] = (), free: Iterable[str] = ()

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from mjhcmc.cosine import COSINE_PERIODS, cosine_rows
 from mjhcmc.errors import MotionError, SettingsError
 from mjhcmc.joints import RANGE_ALLOWANCE, TIME_TOLERANCE, JointModel, check_joint_range
-from mjhcmc.quaternions import turning, unit_quaternions
 from mjhcmc.signals import check_cutoff, power_above, zero_phase_lowpass
 
 __all__ = [
@@ -112,6 +112,8 @@ class Motion:
                 "times must increase"
             )
         if self.quaternions:
+            from mjhcmc.quaternions import unit_quaternions
+
             object.__setattr__(self, "qpos", unit_quaternions(self.name, time, qpos, self.quaternions))
         if self.span is not None:
             start, end = (float(t) for t in self.span)
@@ -164,7 +166,11 @@ class Motion:
             )
         t = np.clip(t, self.start, self.end)
         found = self.spline(t), self.spline(t, 1), self.spline(t, 2)
-        return Reference(t, *(turning(*found, self.quaternions) if self.quaternions else found))
+        if self.quaternions:
+            from mjhcmc.quaternions import turning
+
+            found = turning(*found, self.quaternions)
+        return Reference(t, *found)
 
     def on(self, model: JointModel, quaternions: tuple[int, ...]) -> "Motion":
         """The motion with names for its joints and its quaternions known.
@@ -182,6 +188,19 @@ class Motion:
         from scipy.interpolate import make_interp_spline
 
         return make_interp_spline(self.time, self.qpos, k=5 if len(self.time) >= 6 else 3)
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        model: JointModel,
+        *,
+        angle_unit: Literal["deg", "rad"] = "deg",
+        lead: bool = False,
+    ) -> Path:
+        """Write the motion to a .mot or .sto file: see `mjhcmc.io.motion_writer.write_motion`."""
+        from mjhcmc.io.motion_writer import write_motion
+
+        return write_motion(self, model, path, angle_unit=angle_unit, lead=lead)
 
     @classmethod
     def cosine(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -96,22 +96,31 @@ def find_roles(m: Any, muscles: NDArray[np.intp]) -> Roles:
         muscles: (n_muscle,) actuator index of each muscle.
     """
     moved = moved_by_muscles(m, muscles)
+    dependent = list(dependent_dofs(m, moved, _root(m, moved)))
+    if dependent:  # what is tied to a joint moves it, too
+        moved = moved_by_muscles(m, muscles, dependent)
     roles = [Role.TRACKED] * m.nv
-    trees = m.dof_treeid
+    trees = _together(m, dependent)
     root = _root(m, moved)
     for i in range(m.nv):
         if not moved[trees == trees[i]].any():
             roles[i] = Role.FREE
         elif root[i]:
             roles[i] = Role.PRESCRIBED
-    for i in dependent_dofs(m, moved, root):
+    for i in dependent:
         roles[i] = Role.DEPENDENT
         root[i] = False
     return Roles(tuple(roles), root)
 
 
-def moved_by_muscles(m: Any, muscles: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """(nv,) True where some muscle has a moment arm, in the reference pose or one of a few others."""
+def moved_by_muscles(m: Any, muscles: NDArray[np.intp], dependent: Sequence[int] = ()) -> NDArray[np.bool_]:
+    """(nv,) True where some muscle has a moment arm, in the reference pose or one of a few others.
+
+    Args:
+        m: a ``mujoco.MjModel``.
+        muscles: (n_muscle,) actuator index of each muscle.
+        dependent: degrees of freedom whose moment arms count at those that move them.
+    """
     d = mujoco.MjData(m)
     rng = np.random.default_rng(0)
     dense, moved = np.empty((m.nout, m.nv)), np.zeros(m.nv, dtype=bool)
@@ -127,8 +136,22 @@ def moved_by_muscles(m: Any, muscles: NDArray[np.intp]) -> NDArray[np.bool_]:
             d.qpos[at] = rng.uniform(low, high)
         mujoco.mj_fwdPosition(m, d)
         mujoco.mju_sparse2dense(dense, d.actuator_moment, d.moment_rownnz, d.moment_rowadr, d.moment_colind)
-        moved |= (np.abs(dense[rows]) > _ARM).any(axis=0)
+        arms = dense[rows]
+        if len(dependent):
+            J, others = equality_jacobian(m, d), np.setdiff1d(np.arange(m.nv), dependent)
+            arms[:, others] -= arms[:, dependent] @ np.linalg.lstsq(J[:, dependent], J[:, others], rcond=None)[0]
+        moved |= (np.abs(arms) > _ARM).any(axis=0)
     return moved
+
+
+def _together(m: Any, dependent: Sequence[int]) -> NDArray[np.intp]:
+    """(nv,) a number for the tree of each degree of freedom, one for trees that equalities tie to each other."""
+    trees = m.dof_treeid.astype(np.intp)
+    if len(dependent):
+        for row in equality_jacobian(*_at_reference(m)):
+            tied = np.unique(trees[np.abs(row) > 0])
+            trees[np.isin(trees, tied)] = tied.min(initial=0)
+    return trees
 
 
 def _root(m: Any, moved: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -186,7 +209,7 @@ def equality_jacobian(m: Any, d: Any) -> NDArray[np.float64]:
     if mujoco.mj_isSparse(m):
         mujoco.mju_sparse2dense(J, d.efc_J, d.efc_J_rownnz, d.efc_J_rowadr, d.efc_J_colind)
     else:
-        J[:] = np.asarray(d.efc_J).reshape(d.nefc, m.nv)
+        J[:] = np.asarray(d.efc_J)[: J.size].reshape(J.shape)  # its memory may be longer
     return J[: d.ne]
 
 

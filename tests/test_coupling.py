@@ -58,8 +58,6 @@ def test_reducing_is_dual_to_filling(q):
     forces = np.array([1.0, -2.0, 3.0, 5.0])
     at = coupling.fill(np.array([q, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(coupling.reduce(at, forces), [N @ forces, 0, 0, 0], rtol=1e-7, atol=1e-7)
-    A = np.arange(16.0).reshape(4, 4)
-    np.testing.assert_allclose(coupling.reduce_matrix(at, A), [[N @ A @ N]], rtol=1e-6, atol=1e-6)
     assert coupling.free_dofs.tolist() == [0]
 
 

@@ -10,6 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from mjhcmc.errors import MjhcmcWarning
+
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
 BENCHMARKS = ROOT / "benchmarks"
@@ -126,3 +128,16 @@ def test_many_at_once(run):
     assert sorted(names["batch"].errors) == [7]
     assert out.count("verdict holds") == 11
     assert "the same bits: True" in out
+
+
+def test_emg(run):
+    with pytest.warns(MjhcmcWarning, match=r"VL with gaps"):
+        names, out, files = run("06_emg.py")
+    assert {"trial.csv", "before.png", "after.png"} <= set(files)
+    misses = re.findall(r"by (\S+) where it was measured, (\S+) elsewhere", out)
+    measured, elsewhere = np.array(misses, dtype=float).T
+    assert measured[1] < 0.2 * measured[0]
+    assert elsewhere[1] < 0.5 * elsewhere[0]
+    mae = [{one.muscle: one.mae for one in found.muscles} for found in (names["before"], names["after"])]
+    assert mae[1]["soleus"] < mae[0]["soleus"]
+    assert np.rad2deg(np.abs(names["informed"].tracking_error)).max() < 0.05

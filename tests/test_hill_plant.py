@@ -14,6 +14,7 @@ from mjhcmc.hosted.lockstep import HillLockstep
 from mjhcmc.hosted.muscles import hosted_muscles
 from mjhcmc.hosted.plant import lockstep_of
 from mjhcmc.plant import State
+from mjhcmc.surroundings import Surroundings
 
 VARIANTS = {
     "plain": {},
@@ -122,7 +123,7 @@ def test_loads_from_outside_are_held_as_in_mujocos_plant():
     np.testing.assert_allclose(hosted.get_state().qpos, wanted[-1, :2], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(hosted.forward(), own.forward(), rtol=1e-10)
     np.testing.assert_allclose(hosted.external_load(), sine_load(np.array([0.12]))[0], rtol=1e-9)
-    plants = HillLockstep([model], [hosted.hosted], 1e-3, [sine_load])
+    plants = HillLockstep([model], [hosted.hosted], 1e-3, [Surroundings(sine_load)])
     rows = plants.step(np.arange(1), plants.rows([state]), u[None], reserve[None], 120)
     np.testing.assert_array_equal(plants.layout.state(rows[0]).qpos, hosted.get_state().qpos)
     np.testing.assert_allclose(plants.acceleration(np.arange(1), rows, reserve[None])[0], own.forward(), rtol=1e-10)
@@ -143,7 +144,7 @@ def test_longer_steps_are_those_of_a_plant_that_has_them(smooth_arm):
 def company(leg8, count, tendon, curves="millard", threads=1):
     """Simulations that differ in state and, by their masses, in model."""
     hosts = hosted_muscles(leg8, curves, tendon)
-    plants = HillLockstep([leg8] * count, [hosts], 1e-3, [None] * count, threads)
+    plants = HillLockstep([leg8] * count, [hosts], 1e-3, [Surroundings()] * count, threads)
     rows = plants.rows([leg_state(leg8, seed) for seed in range(count)])
     rng = np.random.default_rng(9)
     return plants, rows, rng.uniform(0, 1, (count, 8)), rng.normal(size=(count, 3))
@@ -183,7 +184,7 @@ def test_company_changes_no_bit(leg8, tendon):
 def test_the_knees_limit_in_company(leg8):
     """Some simulations under a constraint, some not: each as alone."""
     hosts = hosted_muscles(leg8, "thelen", "compliant")
-    plants = HillLockstep([leg8] * 4, [hosts], 1e-3, [None] * 4)
+    plants = HillLockstep([leg8] * 4, [hosts], 1e-3, [Surroundings()] * 4)
     states = [State(0.0, np.array([0.1, k, 0.0]), np.array([0.0, 2.0, 0.0]), np.full(8, 0.3), np.zeros(3))
               for k in (-0.3, 0.17, -0.2, 0.18)]  # fmt: skip
     rows, u, s = plants.rows(states), np.full((4, 8), 0.2), np.zeros((4, 3))
@@ -206,7 +207,7 @@ def test_models_and_muscles_of_their_own(leg8):
     curves = hill.millard2012()
     models = [leg8, other]
     hosts = [hosted_muscles(m, hill.HillModel(hill_model(m).muscles, curves), "compliant") for m in models]
-    plants = HillLockstep(models, hosts, 1e-3, [None, sine_on_three])
+    plants = HillLockstep(models, hosts, 1e-3, [Surroundings(), Surroundings(sine_on_three)])
     rows = plants.rows([leg_state(leg8, i) for i in range(2)])
     u, s = np.full((2, 8), 0.4), np.zeros((2, 3))
     ends = plants.step(np.arange(2), rows, u, s, 10)

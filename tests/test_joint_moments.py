@@ -169,7 +169,7 @@ def test_replay_knows_the_load(leg8, swing, linear_mass):
     assert verdict.replay_max_error is None  # open loop is unstable under measured loads
     assert np.rad2deg(max(verdict.replay_window_max_error)) < 1e-4
     np.testing.assert_allclose(mjhcmc.replay_windows(solution, 1e-3), solution.qpos, rtol=0, atol=1e-13)
-    without = mjhcmc.replay_windows(dataclasses.replace(solution, external=None))
+    without = mjhcmc.replay_windows(dataclasses.replace(solution, surroundings=None))
     assert np.rad2deg(np.abs(without - solution.qpos)).max() > 0.01
     motion = height_motion(linear_mass)
     times = np.linspace(0, motion.end, 50)

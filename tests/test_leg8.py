@@ -467,7 +467,10 @@ def test_command_writes_the_file_or_says_why_not(tmp_path: Path) -> None:
     target = tmp_path / "leg8.xml"
     assert main(["--out", str(target)]) == 0
     assert target.read_text(encoding="utf-8") == FILE.read_text(encoding="utf-8")
+    gait = tmp_path / "leg8_gait.xml"
+    assert gait.read_text(encoding="utf-8") == FILE.with_name("leg8_gait.xml").read_text(encoding="utf-8")
     target.unlink()
+    gait.unlink()
     assert main(["--out", str(target), "--mass", "-3"]) == 2
     assert main(["--out", str(tmp_path / "nowhere" / "leg8.xml")]) == 2
     assert list(tmp_path.iterdir()) == []

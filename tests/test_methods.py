@@ -17,7 +17,8 @@ POSITIONAL = (
     "model", "motion", "dt", "physics_dt", "initial_qpos", "initial_qvel", "initial_activation", "reserves",
 )  # fmt: skip
 SHARED = {
-    "cost", "weights", "smoothness", "min_activation", "disabled", "solver", "joint_moments", "plant", "progress",
+    "cost", "weights", "smoothness", "min_activation", "disabled", "solver", "emg", "joint_moments", "loads", "plant",
+    "progress",
 }  # fmt: skip
 
 

@@ -132,7 +132,7 @@ def test_refused_by_name(case):
 
 
 def test_files_that_are_no_model(tmp_path):
-    with pytest.raises(mjhcmc.ModelError, match=r"no model 'leg9'.*shipped models \(leg8\)"):
+    with pytest.raises(mjhcmc.ModelError, match=r"no model 'leg9'.*shipped models \(leg8, leg8_gait\)"):
         mjhcmc.MuscleModel.load("leg9")
     broken = tmp_path / "broken.xml"
     broken.write_text("<mujoco><worldbody><body></mujoco>")

@@ -107,7 +107,7 @@ def test_columns_refused(write, tmp_path, column_map, message):
 
 def test_other_suffixes_are_refused():
     with pytest.raises(
-        MotionError, match=r"m\.xlsx: a motion file ends in \.mot, \.sto, \.csv or \.trc, not in '\.xlsx'"
+        MotionError, match=r"m\.xlsx: a motion file ends in \.mot, \.sto, \.csv, \.trc or \.c3d, not in '\.xlsx'"
     ):
         Motion.from_file("m.xlsx", LEG)
     with pytest.raises(MotionError, match=r"m: a motion file ends in .*, not in 'nothing'"):

@@ -60,7 +60,7 @@ def test_assets_are_found_in_the_repository_root_when_editable(tmp_path):
 
 
 def test_shipped_names():
-    assert assets.model_names() == ("leg8",)
+    assert assets.model_names() == ("leg8", "leg8_gait")
     assert assets.model_path("leg9") is None
 
 

@@ -47,7 +47,7 @@ def test_n_windows_between_n_plus_1_nodes(solution):
         "time": (n + 1,), "excitation": (n, m), "activation": (n + 1, m), "qpos": (n + 1, v),
         "qpos_desired": (n + 1, v), "qvel": (n + 1, v), "tracking_error": (n + 1, v), "net_joint_moment": (n + 1, v),
         "muscle_force": (n + 1, m), "reserve": (n, v), "shortfall": (n, v), "status": (n,), "dof_is_rotation": (v,),
-        "external_load": (n + 1, v),
+        "external_load": (n + 1, v), "residual": (n + 1, v),
     }  # fmt: skip
     assert {name: getattr(solution, name).shape for name in ARRAYS} == shapes
     assert solution.n_window == n

@@ -156,7 +156,7 @@ def test_round_trip_to_the_last_bit(tmp_path, positions, time, unseen, unit):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"unit": "inch"}, r"m\.trc: unit 'inch': choose mm or m"),
+        ({"unit": "inch"}, r"m\.trc: unit 'inch': choose mm, cm or m"),
         ({"time": [0, 1]}, r"cannot write 2 markers with time \(2,\) and positions \(3, 2, 3\): give"),
         ({"positions": np.zeros((3, 2))}, r"positions \(3, 2\): give time \(T,\) and positions \(T, 2, 3\)"),
         ({"names": ["a", "a"]}, r"marker 'a' would be written twice"),

@@ -28,7 +28,10 @@ def listed(names: tuple[str, ...] | list[str]) -> str:
 
 
 def read_map(
-    given: Mapping[str, str] | str | os.PathLike[str] | None, key: str = "joint", value: str = "column"
+    given: Mapping[str, str] | str | os.PathLike[str] | None,
+    key: str = "joint",
+    value: str = "column",
+    what: str = "column map",
 ) -> dict[str, str]:
     """The user's map of joints to columns (or of sites to markers).
 
@@ -37,19 +40,23 @@ def read_map(
             passed over, so are lines that begin with #), any other a JSON object.
         key: what is mapped, for messages.
         value: what it is mapped to, for messages.
+        what: what to call the map, for messages.
 
     Raises:
         MotionError: the file cannot be read or holds no such map, or an entry is no name.
     """
     if given is None:
         return {}
-    where = "column map"
+    where = what
     if isinstance(given, Mapping):
         content = dict(given)
     else:
-        where = f"column map {given}"
+        where = f"{what} {given}"
         path = Path(given)
-        content = _read_csv_map(path, where, key, value) if path.suffix.lower() == ".csv" else _read_json(path, where)
+        if path.suffix.lower() == ".csv":
+            content = _read_csv_map(path, what, key, value)
+        else:
+            content = _read_json(path, where, f"{key} names and {value} names")
     for name, target in content.items():
         if not isinstance(target, str) or not target.strip("- "):
             raise MotionError(
@@ -59,27 +66,26 @@ def read_map(
     return content
 
 
-def _read_json(path: Path, where: str) -> dict[str, str]:
+def _read_json(path: Path, where: str, names: str) -> dict[str, str]:
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise MotionError(f"{where}: cannot be read ({error.strerror}): check the path") from None
     except UnicodeDecodeError:
-        raise MotionError(f"{where}: not a text file: give JSON, an object of joint names and column names") from None
+        raise MotionError(f"{where}: not a text file: give JSON, an object of {names}") from None
     except json.JSONDecodeError as error:
-        raise MotionError(
-            f"{where}, line {error.lineno}: not JSON ({error.msg}): give an object of joint names and column names"
-        ) from None
+        raise MotionError(f"{where}, line {error.lineno}: not JSON ({error.msg}): give an object of {names}") from None
     if not isinstance(content, dict):
-        raise MotionError(f"{where}: holds no object: give one of joint names and column names")
+        raise MotionError(f"{where}: holds no object: give one of {names}")
     return content
 
 
-def _read_csv_map(path: Path, where: str, key: str, value: str) -> dict[str, str]:
+def _read_csv_map(path: Path, what: str, key: str, value: str) -> dict[str, str]:
+    where = f"{what} {path}"
     try:
         lines = read_lines(path, f"a table of {key}s and {value}s")
     except MotionError as error:
-        raise MotionError(f"column map {error}") from None
+        raise MotionError(f"{what} {error}") from None
     content: dict[str, str] = {}
     first = True
     for at, line in enumerate(lines, 1):
@@ -117,38 +123,55 @@ def split_cells(path: Path, at: int, line: str, delimiter: str) -> list[str]:
         raise MotionError(f"{path}, line {at}: cannot be split into cells ({error}): correct it") from None
 
 
-def match_columns(table: MotionTable, model: JointModel, given: dict[str, str]) -> tuple[list[int], Array]:
-    """(nq) index of each joint's column among the table's, and (nq,) its sign."""
+def match_columns(table: MotionTable, model: JointModel, given: dict[str, str]) -> tuple[list[int], list[int], Array]:
+    """Joints that have a column (n, among nq), the index of each one's column among the table's, its sign (n,).
+
+    Joints that need not be named (see `MuscleModel.may_be_silent`) may lack one, but not all of the others.
+    """
     joints = tuple(model.joint_names)
     unknown = [joint for joint in given if joint not in joints]
     if unknown:
         raise MotionError(
             f"column map: model {model.name} has no joint {', '.join(unknown)}: its joints are {', '.join(joints)}"
         )
-    used, signs = [], np.ones(len(joints))
-    for j, joint in enumerate(joints):
-        for name in _names_of(model, joint, given):
-            at = find_column(table, name.removeprefix("-"))
-            if at is not None:
-                used.append(at)
-                signs[j] = -1.0 if name.startswith("-") else 1.0
-                break
-        else:
-            columns = f"its columns are {listed(table.columns)}"
-            if joint in given:
-                raise MotionError(
-                    f"{table.path}: no column {given[joint].removeprefix('-')!r}, which the column map "
-                    f"names for joint {joint}; {columns}: name one of them"
-                )
-            looked_for = [name.removeprefix("-") for name in _names_of(model, joint, given)]
-            looked_for.remove(SOLUTION_PREFIX + joint)
-            raise MotionError(
-                f"{table.path}: no column for joint {joint} of model {model.name} (looked for "
-                f"{' and '.join(looked_for)}); {columns}: "
-                f"map one with a column map such as "
-                f"{{{json.dumps(joint)}: {json.dumps(_free_column(table, model, given))}}}"
-            )
-    return used, signs
+    columns = {joint: _column_of(table, model, joint, given) for joint in joints}
+    found = [j for j, joint in enumerate(joints) if columns[joint] is not None]
+    silent = getattr(model, "may_be_silent", {})
+    # joints that follow or are led anyway do not make a motion
+    moved = any(not silent.get(joints[j], False) for j in found)
+    for joint in joints:
+        if columns[joint] is None and (joint in given or joint not in silent or not moved):
+            if joint in silent and silent[joint] and any(j not in silent or not silent[j] for j in joints):
+                continue
+            raise _no_column(table, model, joint, given)
+    pairs = [pair for pair in columns.values() if pair is not None]
+    return found, [at for at, _ in pairs], np.array([sign for _, sign in pairs])
+
+
+def _column_of(
+    table: MotionTable, model: JointModel, joint: str, given: dict[str, str]
+) -> tuple[int, float] | None:
+    for name in _names_of(model, joint, given):
+        at = find_column(table, name.removeprefix("-"))
+        if at is not None:
+            return at, -1.0 if name.startswith("-") else 1.0
+    return None
+
+
+def _no_column(table: MotionTable, model: JointModel, joint: str, given: dict[str, str]) -> MotionError:
+    columns = f"its columns are {listed(table.columns)}"
+    if joint in given:
+        return MotionError(
+            f"{table.path}: no column {given[joint].removeprefix('-')!r}, which the column map names for joint {joint}; "
+            f"{columns}: name one of them"
+        )
+    looked_for = [name.removeprefix("-") for name in _names_of(model, joint, given)]
+    looked_for.remove(SOLUTION_PREFIX + joint)
+    return MotionError(
+        f"{table.path}: no column for joint {joint} of model {model.name} (looked for {' and '.join(looked_for)}); "
+        f"{columns}: map one with a column map such as "
+        f"{{{json.dumps(joint)}: {json.dumps(_free_column(table, model, given))}}}"
+    )
 
 
 def _names_of(model: JointModel, joint: str, given: dict[str, str]) -> list[str]:

@@ -81,7 +81,7 @@ def channel_map(
     if mapping is None:
         given = {name: name for name in muscles if name in channels}
     else:
-        given = read_map(mapping, "muscle", "channel")
+        given = read_map(mapping, "muscle", "channel", "EMG map")
     no_muscle = [name for name in given if name not in muscles]
     no_channel = list(dict.fromkeys(name for name in given.values() if name not in channels))
     if no_muscle and all(name in channels for name in given) and all(name in muscles for name in given.values()):

@@ -82,23 +82,50 @@ def _table_rows(
 ) -> JointRows:
     """What a table of angles gives."""
     table = csv_table.read_csv(path) if path.suffix.lower() in csv_table.SUFFIXES else opensim.read_table(path)
-    used, signs = match_columns(table, model, given)
-    units = column_units(table, model, used, angle_unit)
-    to_joint = _to_joint(model, angles)
+    found, used, signs = match_columns(table, model, given)
+    part = NamedJoints(model, found)
+    units = column_units(table, part, used, angle_unit)
+    to_joint = _to_joint(part, angles)
     kept = crop(path, table.time, start, end)
     values = table.values[:, used]
     check_finite(table, used, kept)
     rows = rows_of_motion(path, table.time, table.line_numbers, values, kept, reach)
     unused = [column for i, column in enumerate(table.columns) if i not in used]
     doubt = unit_doubt(units, values[kept])
+    qpos = np.tile(np.asarray(model.qpos_reference, dtype=np.float64), (len(table.time[rows]), 1))
+    qpos[:, found] = to_joint(values[rows] * (units.factors * signs))
     return JointRows(
         table.time[rows],
-        to_joint(values[rows] * (units.factors * signs)),
+        qpos,
         span(table.time, kept, rows, start, end),
-        (f"columns not used: {listed(unused)}",) if unused else (),
+        (*([f"columns not used: {listed(unused)}"] if unused else []), *_still(model, found)),
         doubt,
-        doubt or degrees_fit(units, model, values[kept] * signs, to_joint),
+        doubt or degrees_fit(units, part, values[kept] * signs, to_joint),
     )
+
+
+def _still(model: JointModel, found: list[int]) -> list[str]:
+    """A line on the joints that are tracked without being named."""
+    silent = getattr(model, "may_be_silent", {})
+    names = [name for j, name in enumerate(model.joint_names) if j not in found and not silent.get(name, False)]
+    return [f"joints not in the file, held at the reference pose: {listed(names)}"] if names else []
+
+
+class NamedJoints:
+    """Those joints of a model that a table has columns for; see `JointModel`.
+
+    Args:
+        model: the model.
+        which: indices of the joints.
+    """
+
+    def __init__(self, model: JointModel, which: list[int]) -> None:
+        self.name, self.column_map = model.name, model.column_map
+        self.joint_names = tuple(model.joint_names[j] for j in which)
+        self.joint_is_rotation = np.asarray(model.joint_is_rotation)[which]
+        self.joint_range = np.asarray(model.joint_range, dtype=np.float64)[which]
+        self.qpos_reference = np.asarray(model.qpos_reference)[which]
+        self.mj_model = getattr(model, "mj_model", None)
 
 
 def _to_joint(model: JointModel, angles: str) -> Callable[[Any], Array]:

@@ -63,7 +63,9 @@ _ROOT_AXES = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), FLEXION_AXIS)
 # As stiff as MuJoCo lets a step of 1 ms be: a time constant of two steps, and the highest impedance from the start.
 _KNEE_SOLREF = (0.002, 1.0)
 _KNEE_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-_CAM_ARMATURE = 0.005  # kg, of the slides beside another along the same axis, whose mass matrix was singular without
+# kg, of the slides beside another along the same axis: without it their mass matrix is singular, with little of it
+# MuJoCo takes them for light and their equalities are soft (.1 mm with 5 g, .01 mm with 100 g at walking speeds).
+_CAM_ARMATURE = 0.1
 
 
 def build_leg8(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjhcmc.errors import ModelError, SettingsError
+from mjhcmc.errors import MjhcmcWarning, ModelError, SettingsError
 from mjhcmc.io.osim import OsimMuscle, read_osim
 from mjhcmc.leg8.agreement import FIT_RANGE_DEG
 from mjhcmc.leg8.builder import assemble
@@ -64,6 +65,15 @@ def leg8_from_osim(
     if base not in BASES:
         raise SettingsError(f"leg8: base is {base!r}: give {' or '.join(map(repr, BASES))}")
     leg = OsimLeg(read_osim(path), side)
+    wrapped = {muscle: leg.model.muscles[leg.name(muscle)].wraps for muscle in MUSCLES}
+    for muscle, wraps in wrapped.items():
+        if wraps:
+            warnings.warn(
+                f"{path}: muscle {leg.name(muscle)} wraps over {', '.join(wraps)}, which leg8 leaves out: its "
+                "lengths and moment arms differ from OpenSim's where it touches",
+                MjhcmcWarning,
+                stacklevel=2,
+            )
     name = "leg8_gait" if base == "planar" else "leg8"
     return assemble(name, subject_table(leg, moving_knee=moving_knee), Scale(), planar=base == "planar")
 

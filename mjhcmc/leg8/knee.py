@@ -25,11 +25,11 @@ The tibia's place is the sum: forward knee_tx + knee_tx_cam, up knee_ty + knee_c
 """
 
 _CAM_START = (-3.3, -3.8, -1.0)  # near the optimum for gait10dof18musc's knee, which scaling does not move
-_CAM_REACH = 0.002  # the cam's farthest way from its place at zero angle, m
-# What a metre of deviation, of its first and of its second derivative by angle weigh: gravity, and knee velocities
-# and accelerations of fast walking (50 rad^2/s^2, 60 rad/s^2), all in m/s^2.
-_WEIGHTS = (10.0, 60.0, 30.0)
-_MARGIN = math.radians(5.0)  # that a knee may be bent beyond its range, against its soft limits
+_CAM_REACH = 0.005  # the cam's farthest way from its place at zero angle, m
+# What deviations (m), and those of the first and second derivatives (m/rad, m/rad^2), weigh: about the force per mass
+# of the shank that they cost, by gravity, by the load of stance, and by the squared knee velocity of walking.
+_WEIGHTS = (10.0, 130.0, 10.0)
+_MARGIN = math.radians(2.0)  # that a knee may be bent beyond its range, against its soft limits
 _STEP = 1e-3  # of the difference quotients, rad
 
 KneePath = Callable[[Array], Array]

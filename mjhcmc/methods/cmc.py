@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc import dynamics
+from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.errors import MjhcmcWarning, SettingsError
 from mjhcmc.external_loads import ExternalLoads
 from mjhcmc.joint_moments import JointMoments
@@ -69,6 +70,7 @@ def cmc(
     min_activation: Mapping[str, float] | ArrayLike = 0.0,
     disabled: Sequence[str] = (),
     solver: str = "newton",
+    emg: EmgTargets | None = None,
     joint_moments: JointMoments | None = None,
     look_ahead: float | None = None,
     kp: float | None = None,
@@ -94,6 +96,7 @@ def cmc(
         min_activation: least activation.
         disabled: names of muscles that stay switched off.
         solver: of the allocation.
+        emg: measured excitations to be near.
         joint_moments: to share in place of those of inverse dynamics.
         look_ahead: s, T; dt by default, as OpenSim's CMC has one window for both (10 ms, as dt here). Rounded to
             physics steps. Longer than dt the force is on its way only, much shorter excitations chatter.
@@ -116,7 +119,7 @@ def cmc(
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
         loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
-        solver=solver,
+        solver=solver, emg=emg,
     )  # fmt: skip
     method = _Cmc(reserves, _steps_ahead(look_ahead, windows), *_gains(kp, kv, windows.dt))
     return run(method, windows, progress)
@@ -206,8 +209,9 @@ class _Cmc:
         sharing = windows.sharing.unbounded  # the outlook's bounds hold the least activation
         needed = needs(windows, qpos, qacc)
         activation, lacking = self._targets(
-            sharing, needed.moments, needed.Q, (outlook.low, outlook.high), needed.M, before=state.activation
-        )
+            sharing, needed.moments, needed.Q, (outlook.low, outlook.high), needed.M, before=state.activation,
+            time=float(ahead.time[0]),
+        )  # fmt: skip
         lacking = space.full(lacking)
         return Inputs(
             excitation=sharing.excitation(outlook.excitation(activation)),
@@ -224,9 +228,10 @@ class _Cmc:
         bounds: tuple[NDArray[np.float64], NDArray[np.float64]],
         M: NDArray[np.float64],
         before: NDArray[np.float64],
+        time: float,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Activation (n_muscle,) and what it leaves of Q (nv,) N m: by the fast target, else by the slow one."""
-        problem = sharing.problem(moments, Q, *bounds, reserve_price(M, reserves=self.reserves), before)
+        problem = sharing.problem(moments, Q, *bounds, reserve_price(M, reserves=self.reserves), before, time)
         found = sharing.allocate(problem)
         if not self.reserves and np.abs(problem.P @ found.reserve).max(initial=0.0) > _FEASIBLE:
             inverse: NDArray[np.float64] = np.asarray(np.linalg.inv(M))

@@ -57,6 +57,7 @@ class Trial(NamedTuple):
         kv: (b, nv) 1/s.
         step: s, physics step of the trial.
         n_step: its physics steps; 0: no trial, the end is where the window should end but for the activation.
+        time: (b,) s, at the end.
     """
 
     start_activation: Array
@@ -74,6 +75,7 @@ class Trial(NamedTuple):
     kv: Array
     step: float
     n_step: int
+    time: Array
 
 
 class Reach(NamedTuple):
@@ -129,7 +131,7 @@ def correct(
     answers, wanted, Q = np.empty((b, nv, n + nv)), np.empty((b, nv)), np.empty((b, nv))
     low, high, excitation = np.empty((b, n)), np.empty((b, n)), np.empty((b, n))
     shortfall, rate, state = np.empty((b, nv)), np.empty(b), np.empty(b, dtype=np.int64)
-    w, a0, cubic = sharing.weigh(trial.gain, trial.bias, trial.start_activation)
+    w, a0, cubic = sharing.weigh(trial.gain, trial.bias, trial.start_activation, trial.time)
     ours, close = sharing.solver == NEWTON and cubic is None, _CLOSE if trial.n_step else _NEAR
 
     def chunk(first: int, last: int) -> None:
@@ -255,7 +257,9 @@ def _share_by(i: int, trial: Trial, sharing: Sharing, program: Program, reserves
     moments = MuscleMoments(trial.B[i], np.empty(0), trial.gain[i], trial.bias[i])
     for _ in range(_MOST_REFINEMENTS):
         Q = Q + missing
-        found = sharing.allocate(sharing.problem(moments, Q, low, high, price, trial.start_activation[i]))
+        found = sharing.allocate(
+            sharing.problem(moments, Q, low, high, price, trial.start_activation[i], float(trial.time[i]))
+        )
         missing = wanted - A @ (found.activation - trial.activation[i]) - (found.reserve - T @ trial.reserve[i])
         if np.abs(missing).max(initial=0.0) <= _REFINED * np.abs(wanted).max(initial=0.0):
             break

@@ -89,7 +89,8 @@ def correct_forces(
     answers, wanted, Q = np.empty((b, nv, n + nv)), np.empty((b, nv)), np.empty((b, nv))
     shortfall, rate, goal = np.empty((b, nv)), np.empty(b), np.full((b, n), np.nan)
     state = np.empty(b, dtype=np.int64)
-    w, a0, cubic = sharing.weigh(gain, bias, start)
+    end_time = ahead.rows[:, layout.time] + ahead.step * ahead.n_step
+    w, a0, cubic = sharing.weigh(gain, bias, start, end_time)
     kind, curves = plants.muscles.kind, plants.muscles.curves
     ours = sharing.solver == NEWTON and cubic is None
     K = found.M if found.K is None else found.K  # without a trial none is needed
@@ -119,7 +120,7 @@ def correct_forces(
     if not state.all():
         trial = Trial(
             start, ahead.excitation, ahead.reserve, x, ahead.missing, found.M, B, gain, bias, found.D, K,
-            ahead.kp, ahead.kv, ahead.step, ahead.n_step,
+            ahead.kp, ahead.kv, ahead.step, ahead.n_step, end_time,
         )  # fmt: skip
         program = Program(answers, wanted, Q, low, high)
         open_, cost = np.flatnonzero(state != _SETTLED), (w, a0, price) if ours else None

@@ -37,6 +37,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mjhcmc.checks import is_number
+from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.errors import SettingsError
 from mjhcmc.external_loads import ExternalLoads
 from mjhcmc.joint_moments import JointMoments
@@ -67,6 +68,7 @@ def hcmc(
     min_activation: Mapping[str, float] | ArrayLike = 0.0,
     disabled: Sequence[str] = (),
     solver: str = "newton",
+    emg: EmgTargets | None = None,
     joint_moments: JointMoments | None = None,
     trials: int = 2,
     tolerance: float = 0.1,
@@ -94,6 +96,7 @@ def hcmc(
         min_activation: least activation: one number, by muscle name, or (n_muscle,).
         disabled: names of muscles that stay switched off; their passive force stays.
         solver: ``"newton"``, or for quadratic costs a qpsolvers back end.
+        emg: measured excitations that the muscles' activation is to be near, see `emg_targets`.
         joint_moments: net joint moments to share among the muscles in place of those of inverse dynamics; what they
             imply to act from outside is applied to the plant (see `joint_moments`).
         trials: most corrections of a window, each after a trial of it.
@@ -120,7 +123,7 @@ def hcmc(
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
         loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
-        solver=solver,
+        solver=solver, emg=emg,
     )  # fmt: skip
     return run(Hcmc(reserves, trials, tolerance, gain, authority), windows, progress)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.errors import MjhcmcError, MjhcmcWarning, SettingsError, SimulationError
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.methods.hcmc import Hcmc
@@ -46,6 +47,7 @@ def hcmc_batch(
     min_activation: Mapping[str, float] | ArrayLike = 0.0,
     disabled: Sequence[str] = (),
     solver: str = "newton",
+    emg: EmgTargets | Sequence[EmgTargets] | None = None,
     joint_moments: JointMoments | Sequence[JointMoments] | None = None,
     trials: int = 2,
     tolerance: float = 0.1,
@@ -79,6 +81,7 @@ def hcmc_batch(
         min_activation: as `hcmc`.
         disabled: as `hcmc`.
         solver: as `hcmc`.
+        emg: for all simulations, or one each.
         joint_moments: for all simulations, or one each.
         trials: as `hcmc`.
         tolerance: as `hcmc`.
@@ -106,6 +109,9 @@ def hcmc_batch(
     moments: list[Any] = [None]
     if joint_moments is not None:
         moments, _ = one_each("joint_moments", joint_moments, JointMoments, count)
+    targets: list[Any] = [None]
+    if emg is not None:
+        targets, _ = one_each("emg", emg, EmgTargets, count)
     starts = {
         name: _rows(name, given, count)
         for name, given in (("qpos", initial_qpos), ("qvel", initial_qvel), ("activation", initial_activation))
@@ -130,8 +136,9 @@ def hcmc_batch(
                 plant = plant_for(model, muscle, dt, physics_dt, curves)
             with each_notice_once(told):
                 windows[i] = prepare(
-                    model, motion, dt, physics_dt, **start, joint_moments=given, plant=plant, bench=bench, **choices
-                )
+                    model, motion, dt, physics_dt, **start, joint_moments=given, plant=plant, bench=bench, **choices,
+                    emg=targets[i if len(targets) > 1 else 0],
+                )  # fmt: skip
         except MjhcmcError as error:
             errors[i] = error
     if not windows:

@@ -317,6 +317,7 @@ class HcmcDriver:
             here.activation, team.excitation[at], self._space.of(team.reserve[at]),
             np.ascontiguousarray(ends[:, self._layout.activation]), missing, found.M, found.B, found.gain, found.bias,
             found.D, self._K[at], here.kp, here.kv, step, n_step,
+            ends[:, self._layout.time],
         )  # fmt: skip
         reach, sharing, price = self._reach, self._sharing, self._price[at]
         if not isinstance(at, slice):

@@ -302,7 +302,7 @@ def static_start(windows: Windows, *, reserves: bool) -> tuple[State, Inputs]:
     needed = needs(windows, start.qpos, windows.reference.qacc[0], steady=True)
     low, high = model.excitation_range.T
     price = reserve_price(needed.M, reserves=reserves)
-    found = sharing.allocate(sharing.problem(needed.moments, needed.Q, low, high, price, None))
+    found = sharing.allocate(sharing.problem(needed.moments, needed.Q, low, high, price, None, start.time))
     activation = plant.steady_activation(found.activation)
     if plant.hosted is not None:
         activation = np.maximum(activation, np.where(sharing.disabled, 0.0, np.minimum(sharing.min_activation, high)))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc.allocation import Allocation
+from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.external_loads import ExternalLoads
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.methods.run import Driver, Inputs, Progress, Separately, Team, needs, rate_at, reserve_price, run
@@ -41,6 +42,7 @@ def static_optimization(
     min_activation: Mapping[str, float] | ArrayLike = 0.0,
     disabled: Sequence[str] = (),
     solver: str = "newton",
+    emg: EmgTargets | None = None,
     joint_moments: JointMoments | None = None,
     loads: ExternalLoads | None = None,
     plant: MujocoPlant | None = None,
@@ -63,6 +65,7 @@ def static_optimization(
         min_activation: least activation.
         disabled: names of muscles that stay switched off.
         solver: of the allocation.
+        emg: measured excitations to be near.
         joint_moments: to share in place of those of inverse dynamics.
         loads: measured forces on the model's bodies.
         plant: what is stepped.
@@ -81,7 +84,7 @@ def static_optimization(
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
         loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
-        solver=solver,
+        solver=solver, emg=emg,
     )  # fmt: skip
     check_flag("reserves", reserves)
     method = _Static(reserves, _plan(windows, reserves=reserves))
@@ -117,7 +120,8 @@ def _plan(windows: Windows, *, reserves: bool) -> _Plan:
         needed = needs(windows, reference.qpos[k], reference.qacc[k], steady=True)
         price = reserve_price(needed.M, reserves=reserves)
         before = found[-1].activation if found else None
-        found.append(sharing.allocate(sharing.problem(needed.moments, needed.Q, low, high, price, before)))
+        problem = sharing.problem(needed.moments, needed.Q, low, high, price, before, float(time))
+        found.append(sharing.allocate(problem))
         settled = plant.steady_activation(found[-1].activation)
         if plant.hosted is not None:
             settled = np.maximum(settled, np.where(sharing.disabled, 0.0, np.minimum(sharing.min_activation, high)))

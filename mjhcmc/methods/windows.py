@@ -237,6 +237,9 @@ def prepare(
         surroundings = Surroundings(external, loads or plant.surroundings.loads, path)
         if (joint_moments, loads, path) != (None, None, None):
             plant = plant.at(step, surroundings)
+    sharing = share(model, **choices)
+    if sharing.tracking is not None:
+        choices["emg"].check_covers(motion)
     qpos = _vector("initial_qpos", initial_qpos, reference.qpos[0])
     qvel = _vector("initial_qvel", initial_qvel, reference.qvel[0])
     if len(model.roles.prescribed):
@@ -257,7 +260,7 @@ def prepare(
         step,
         n_step,
         start,
-        share(model, **choices),
+        sharing,
         joint_moments,
         surroundings,
         plant,

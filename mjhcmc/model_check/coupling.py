@@ -61,17 +61,24 @@ class JointCoupling:
             filled[at] = self._qpos0[at] + _polynomial(self.coefficients[y], self._offset(y, filled))
         return filled
 
-    def tangent(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
-        """N (nv, n_free) = dqvel/dqvel of `free_dofs`, at a filled qpos (nq,), by the chain rule."""
-        N = np.eye(self._nv)
-        for y in self._order:
-            row, x = self._dof[y], self.follows[y]
-            N[row] = self.slope(y, qpos) * N[self._dof[x]] if x >= 0 else 0.0
-        return N[:, self.free_dofs]
+    def reduce(self, qpos: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """N^T values at a filled qpos: what acts on a dependent joint acts on the one that it follows.
 
-    def slope(self, y: int, qpos: NDArray[np.float64]) -> float:
-        """dy/dx of a dependent joint y by the joint x that it follows."""
-        return _polynomial([k * c for k, c in enumerate(self.coefficients[y])][1:], self._offset(y, qpos))
+        Args:
+            qpos: (nq,) rad or m.
+            values: (nv, ...) forces, or anything else dual to velocities.
+
+        Returns:
+            (nv, ...), zero at dependent joints; N (nv, nv) is dqvel/dqvel_free.
+        """
+        result = values.copy()
+        for y in reversed(self._order):
+            row, x = self._dof[y], self.follows[y]
+            if x >= 0:
+                slope = [k * c for k, c in enumerate(self.coefficients[y])][1:]
+                result[self._dof[x]] += _polynomial(slope, self._offset(y, qpos)) * result[row]
+            result[row] = 0.0
+        return result
 
     def _offset(self, y: int, qpos: NDArray[np.float64]) -> float:
         x = self.follows[y]

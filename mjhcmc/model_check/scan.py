@@ -231,8 +231,9 @@ def _reduced(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Inertia and damping of what is neither tied nor prescribed."""
     _rest_at(plant, qpos, activation)
-    N = plant.ties.tangent(qpos)[:, plant.driven]
-    return N.T @ dynamics.mass_matrix(plant) @ N, N.T @ _damping_at_rest(plant) @ N
+    M, D = dynamics.mass_matrix(plant), _damping_at_rest(plant)
+    driven = np.ix_(plant.driven, plant.driven)
+    return plant.ties.reduce_matrix(qpos, M)[driven], plant.ties.reduce_matrix(qpos, D)[driven]
 
 
 def _damping_at_rest(plant: ScanPlant) -> NDArray[np.float64]:

@@ -50,7 +50,7 @@ def _head(report: ModelReport) -> list[str]:
     return [
         f"{report.name}: {_count(len(report.muscles), 'muscle')}, {_count(len(report.joints), 'joint')}{others}, "
         f"{report.total_mass:.4g} kg; {report.engine}",
-        f"gravity {gravity} m/s^2, integrator {report.integrator}; {_count(report.joint_limits, 'joint limit')}, "
+        f"gravity {gravity} m/s^2, {report.integrator}; {_count(report.joint_limits, 'joint limit')}, "
         f"{_count(report.tendon_limits, 'tendon limit')}, {_count(len(report.equalities), 'equality constraint')}",
         f"{_count(report.colliding_pairs, 'pair')} of geoms can touch, {len(report.contacts)} in contact at "
         "the reference pose",
@@ -75,8 +75,8 @@ def _count(n: int, thing: str) -> str:
 def _roles(report: ModelReport) -> str:
     counts = {role: n for role, n in report.roles.items() if n}
     named = ", ".join(f"{n} {role}" for role, n in counts.items())
-    poses = f"; keyframes: {', '.join(report.keyframes[:4])}" if report.keyframes else ""
     n = sum(counts.values())
+    poses = f"; {_count(len(report.keyframes), 'keyframe')}" if report.keyframes else ""
     return f"{_count(n, 'degree')} of freedom{': ' if named else ''}{named}{poses}"
 
 

@@ -53,14 +53,8 @@ class Ties:
         mujoco.mj_fwdPosition(m, d)
         return float(np.abs(d.efc_pos[d.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]).max(initial=0.0))
 
-    def tangent(self, qpos: Array) -> Array:
-        """N (nv, n_free) at a filled qpos: dqvel/dqvel_free."""
-        if self._general is None:
-            return self.joints.tangent(qpos)
-        return self._general.tangent(qpos)[:, self.free_dofs]
-
     def reduce(self, qpos: Array, values: Array) -> Array:
-        """N^T values at a filled qpos: what acts on something tied acts on what it follows.
+        """N^T values at a filled qpos, N = dqvel/dqvel_free: what acts on something tied acts on what it follows.
 
         Args:
             qpos: (nq,) rad or m.
@@ -69,11 +63,18 @@ class Ties:
         Returns:
             (nv, ...), zero where tied.
         """
+        if self._general is None:
+            return self.joints.reduce(qpos, values)
         result = values.copy()
-        if len(self._tied):
-            result[self.free_dofs] += self.tangent(qpos)[self._tied].T @ values[self._tied]
-            result[self._tied] = 0.0
+        N = self._general.tangent(qpos)[np.ix_(self._tied, self.free_dofs)]
+        result[self.free_dofs] += N.T @ values[self._tied]
+        result[self._tied] = 0.0
         return result
+
+    def reduce_matrix(self, qpos: Array, matrix: Array) -> Array:
+        """N^T matrix N of a (nv, nv) matrix, rows and columns of `free_dofs` alone."""
+        reduced = self.reduce(qpos, self.reduce(qpos, matrix).T).T
+        return np.asarray(reduced[np.ix_(self.free_dofs, self.free_dofs)])
 
 
 def equalities(model: MuscleModel) -> tuple[EqualityReport, ...]:

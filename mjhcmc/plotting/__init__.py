@@ -1,5 +1,6 @@
 """Figures for a person, as plain `matplotlib.figure.Figure` objects; degrees on screen, SI inside."""
 
+from mjhcmc.plotting.emg import emg_figure
 from mjhcmc.plotting.fibers import detail_figure
 from mjhcmc.plotting.figures import convergence_figure, excitation_figure, save_figure, tracking_figure
 from mjhcmc.plotting.moments import moment_figure
@@ -7,6 +8,7 @@ from mjhcmc.plotting.moments import moment_figure
 __all__ = [
     "convergence_figure",
     "detail_figure",
+    "emg_figure",
     "excitation_figure",
     "moment_figure",
     "save_figure",
