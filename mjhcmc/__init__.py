@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mjhcmc.emg import Emg
     from mjhcmc.emg_comparison import EmgComparison, compare_emg
     from mjhcmc.emg_targets import EmgTargets
+    from mjhcmc.external_loads import ExternalLoads
     from mjhcmc.errors import (
         DivergedError,
         MjhcmcError,
@@ -54,6 +55,7 @@ _HOME = {
     "Emg": "emg",
     "EmgComparison": "emg_comparison",
     "EmgTargets": "emg_targets",
+    "ExternalLoads": "external_loads",
     "HillPlant": "hosted.plant",
     "JointMoments": "joint_moments",
     "MjhcmcError": "errors",
@@ -91,6 +93,7 @@ __all__ = [
     "Emg",
     "EmgComparison",
     "EmgTargets",
+    "ExternalLoads",
     "HillPlant",
     "JointMoments",
     "MjhcmcError",

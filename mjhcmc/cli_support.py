@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import re
 import signal
@@ -10,6 +11,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -20,9 +22,25 @@ from mjhcmc.log import get_logger
 
 if TYPE_CHECKING:
     from mjhcmc.methods.run import Progress
+    from mjhcmc.solution import Solution
 
 INTERRUPTED = 130
 """Exit code after an interrupt."""
+
+FILE = click.Path(path_type=Path)
+QUIET = click.option("--quiet", is_flag=True, help="No progress bar, no summary, no notices: errors only.")
+VERBOSE = click.option("-v", "--verbose", count=True, help="Log what is done on standard error; twice: in detail.")
+MUSCLE = click.option(
+    "--muscle", default="mujoco", show_default=True, metavar="mujoco|rigid|compliant",
+    help="What drives the model: MuJoCo's own muscles, or Hill muscles with rigid or compliant tendons.",
+)  # fmt: skip
+CURVES = click.option(
+    "--curves",
+    default="millard",
+    show_default=True,
+    metavar="NAME",
+    help="Of Hill muscles: millard, thelen, degroote-fregly.",
+)
 
 _log = get_logger(__name__)
 
@@ -202,3 +220,29 @@ def fail(message: str) -> NoReturn:
 
 def _one_line(message: str) -> str:
     return " ".join(message.split())
+
+
+def write_solution(solution: Solution, folder: Path, *, opensim: bool = False) -> list[str]:
+    """Solution, verdict and figures into a folder; the paths written."""
+    from mjhcmc.io.files import written_whole
+    from mjhcmc.plotting import excitation_figure, moment_figure, tracking_figure
+
+    with interrupt_later():
+        paths = [solution.save(folder / "solution.parquet")]
+        verdict = folder / "verdict.json"
+        with written_whole(verdict) as temporary:
+            temporary.write_text(json.dumps(solution.verdict.to_dict(), indent=2) + "\n")
+        paths.append(verdict)
+        if opensim:
+            from mjhcmc.io.export import export_opensim
+
+            paths += export_opensim(solution, folder / "solution")
+    figures = {"excitations": excitation_figure, "tracking": tracking_figure, "moments": moment_figure}
+    return [*map(str, paths), *save_figures({name: partial(draw, solution) for name, draw in figures.items()}, folder)]
+
+
+def save_figures(figures: dict[str, Callable[[], Any]], folder: Path) -> list[str]:
+    """Draw figures into a folder; the paths written."""
+    from mjhcmc.plotting import save_figure
+
+    return [str(path) for name, draw in figures.items() for path in save_figure(draw(), folder / name)]

@@ -83,7 +83,8 @@ class Detail:
         shape = len(self.solution.time), plant.mj_model.njnt, 3
         force, moment = np.full(shape, np.nan), np.full(shape, np.nan)
         unknown = reactions_unknown(plant)
-        if self.solution.external_load.any():
+        around = self.solution.surroundings
+        if self.solution.external_load.any() and (around is None or around.external is not None):
             unknown = (
                 unknown or "where the loads from outside act on the bodies is not recorded: solve without joint_moments"
             )
@@ -124,6 +125,8 @@ def detail_of(solution: Solution) -> Detail:
         length[k] = plant.mj_data.actuator_length[rows]
         velocity[k] = plant.mj_data.actuator_velocity[rows]
         R = dynamics.moment_arms(plant)
+        if plant.model.coupling is not None:  # what acts on tied joints acts on those that move them
+            R = R @ plant.model.coupling.tangent(solution.qpos[k])
         if plant.hosted is None:
             parts = dynamics.muscle_moments(plant)  # leaves the actuator forces at activation 0
             driven, rest = parts.gain * solution.activation[k], parts.bias

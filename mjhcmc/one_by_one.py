@@ -10,8 +10,9 @@ import numpy as np
 from mjhcmc import dynamics
 from mjhcmc.dynamics import NodeForces
 from mjhcmc.held import add_held
-from mjhcmc.lockstep import Array, Ids, Layout, Linearization
+from mjhcmc.lockstep import _NEAR, Array, Ids, Layout, Linearization
 from mjhcmc.plant import MujocoPlant, State
+from mjhcmc.surroundings import coordinates_of
 
 
 class OneByOne:
@@ -28,6 +29,9 @@ class OneByOne:
         ends = np.cumsum([1, model.nq, model.nv, model.n_muscle, model.nv])
         self.layout = Layout(0, *(slice(int(a), int(b)) for a, b in pairwise(ends)))
         self._n_row = int(ends[-1])
+        tied = coordinates_of(model.mj_model, model.roles.dependent)
+        self._limited = np.setdiff1d(np.flatnonzero(np.isfinite(model.joint_range).any(axis=1)), tied)
+        self._limits = model.joint_range[self._limited]
 
     def rows(self, states: Sequence[State]) -> Array:
         """See `Plants`."""
@@ -64,9 +68,9 @@ class OneByOne:
             D.append(dynamics.damping_matrix(plant))
             if stiffness:
                 K.append(dynamics.stiffness_matrix(plant))
-            held.append(plant.mj_data.nefc > plant.mj_data.ne)
-            if held[-1]:
-                self._put(i, row, s)
+            self._put(i, row, s)
+            held.append(self._near_limit(plant) or plant.mj_data.ncon > 0)
+            if plant.mj_data.ncon:  # limits alone are left out, see `lockstep.Lockstep`
                 add_held(plant.mj_model, plant.mj_data, M[-1], D[-1], K[-1] if stiffness else None)
         return Linearization(
             np.array(qacc), np.array(M), np.array(B), np.array(gain), np.array(bias), np.array(D),
@@ -84,6 +88,11 @@ class OneByOne:
     def fault(self, i: int) -> str:
         """See `Plants`: MuJoCo's errors come as they are."""
         return ""
+
+    def _near_limit(self, plant: MujocoPlant) -> bool:
+        """Whether a joint is at its limit, or nearly so; not one that equality constraints put there."""
+        q = plant.mj_data.qpos[self._limited]
+        return bool(((q < self._limits[:, 0] + _NEAR) | (q > self._limits[:, 1] - _NEAR)).any())
 
     def _put(self, i: int, row: Array, reserve: Array) -> Array:
         plant = self._plants[i]

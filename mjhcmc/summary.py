@@ -21,7 +21,8 @@ def numbers(solution: Solution) -> dict[str, Any]:
     ``rmse_deg`` (root of the mean square over the N+1 nodes), ``mse_deg2`` (the mean square), ``peak_moment_nm``,
     ``peak_reserve_nm``, ``replay_max_error_deg`` (None where the solution does not know its model),
     ``peak_external_load_nm`` (None where nothing acts from outside; where joint moments were given, it is what they
-    imply); ``peak_excitation`` by muscle; ``verdict`` with ``passed`` and ``findings``.
+    imply), ``peak_residual_nm`` (only where there is one); ``peak_excitation`` by muscle; ``verdict`` with ``passed`` and
+    ``findings``.
     """
     verdict, scale = solution.verdict, _scale(solution)
     joints = solution.dof_names
@@ -31,7 +32,8 @@ def numbers(solution: Solution) -> dict[str, Any]:
             return None
         return {name: float(value) for name, value in zip(joints, values, strict=True)}
 
-    return {
+    residual = {"peak_residual_nm": by_joint(np.abs(solution.residual).max(axis=0))} if solution.residual.any() else {}
+    return residual | {
         "max_error_deg": by_joint(np.array(verdict.tracking_max) * scale),
         "rmse_deg": by_joint(np.array(verdict.tracking_rms) * scale),
         "mse_deg2": by_joint((np.array(verdict.tracking_rms) * scale) ** 2),
@@ -64,11 +66,32 @@ def screen(solution: Solution) -> str:
         "",
         *_muscle_table(values["peak_excitation"], solution),
         "",
+        *role_lines(solution),
         *load_lines(solution),
         *[f"status   {line}" for line in solution.messages()],
         *verdict_lines(values["verdict"]),
     ]
     return "\n".join(lines)
+
+
+def role_lines(solution: Solution) -> list[str]:
+    """What became of the degrees of freedom that are not tracked, and the residuals at the root."""
+    lines, peak = [], np.abs(solution.residual).max(axis=0)
+    led = [j for j, role in enumerate(solution.roles) if role == "prescribed" or (solution.is_root[j] and peak[j] > 0)]
+    if led:
+        words = [f"{solution.dof_names[j]} {peak[j]:.3g} {_moment_unit(solution, j)}" for j in led]
+        lines.append(f"residual peak of what keeps the motion: {_some(words, peak[led])}")
+    off, scale = np.abs(solution.tracking_error).max(axis=0), _scale(solution)
+    tied = [j for j, role in enumerate(solution.roles) if role == "dependent"]
+    if tied:
+        words = [
+            f"{solution.dof_names[j]} {scale[j] * off[j]:.2g} {'deg' if solution.dof_is_rotation[j] else 'm'}" for j in tied
+        ]
+        lines.append(f"tied     largest departure of joints that follow others: {_some(words, off[tied])}")
+    free = [name for name, role in zip(solution.dof_names, solution.roles, strict=True) if role == "free"]
+    if free:
+        lines.append(f"free     nothing leads {_some(free)}")
+    return lines
 
 
 def load_lines(solution: Solution) -> list[str]:
@@ -81,13 +104,14 @@ def load_lines(solution: Solution) -> list[str]:
     given = solution.settings.get("joint_moments")
     if solution.external_load.any():
         load, moment = np.abs(solution.external_load).max(axis=0), solution.peak_moment
+        borne = [j for j in range(len(load)) if load[j] > 0]
         words = [
-            f"{name} {load[j]:.3g} {_moment_unit(solution, j)}"
-            + (f" ({100 * load[j] / moment[j]:.3g} % of the net joint moment's peak)" if moment[j] > 0 else "")
-            for j, name in enumerate(solution.dof_names)
+            f"{solution.dof_names[j]} {load[j]:.3g} {_moment_unit(solution, j)}"
+            + (f" ({100 * load[j] / moment[j]:.3g} % of the net joint moment's peak)" if given and moment[j] > 0 else "")
+            for j in borne
         ]
         source = f", implied by {given}" if given else ""
-        lines.append(f"load     peak from outside{source}: {_some(words, load / np.maximum(moment, _TINY))}")
+        lines.append(f"load     peak from outside{source}: {_some(words, (load / np.maximum(moment, _TINY))[borne])}")
         larger = [name for j, name in enumerate(solution.dof_names) if load[j] > moment[j]]
         if given and larger:
             lines.append(
@@ -125,6 +149,8 @@ def _joint_table(solution: Solution, values: Mapping[str, Any]) -> list[str]:
     rows = [["joint", "max error", "RMS error", "peak moment", "peak reserve", "replay error"]]
     share = solution.verdict.peak_reserve_share
     for j, name in enumerate(solution.dof_names):
+        if solution.roles[j] != "tracked":
+            continue
         angle, moment = ("deg", "N m") if solution.dof_is_rotation[j] else ("m", "N")
         replay = values["replay_max_error_deg"]
         rows.append(

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjhcmc import playback as again
+from mjhcmc import playback
 from mjhcmc.errors import SimulationError
 from mjhcmc.plant import physics_steps
 from mjhcmc.solution import RESERVE_SHARE, Solution, WindowStatus, moment_scale
@@ -176,7 +176,7 @@ def replay(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.floa
     """
     if solution.hosted or not (solution.surroundings or Surroundings()).empty:
         solution.plant()  # knows what is missing
-        return rerun.replay(solution, physics_dt)
+        return playback.replay(solution, physics_dt)
     engine = _Engine(solution, physics_dt)
     rows = [engine.state(0)]
     per_chunk = max(1, _CHUNK // engine.n_step)
@@ -197,7 +197,7 @@ def replay_windows(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray
     """
     if solution.hosted or not (solution.surroundings or Surroundings()).empty:
         solution.plant()  # knows what is missing
-        return rerun.replay_windows(solution, physics_dt)
+        return playback.replay_windows(solution, physics_dt)
     engine = _Engine(solution, physics_dt)
     rows = [engine.state(0)[None]]
     per_chunk = max(1, _CHUNK // engine.n_step)

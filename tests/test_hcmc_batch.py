@@ -9,6 +9,7 @@ from conftest import load_xml
 from many_muscles import chain
 
 import mjhcmc
+from mjhcmc.dynamics import mass_matrix
 from mjhcmc.lockstep import Lockstep
 from mjhcmc.one_by_one import OneByOne
 from mjhcmc.solution_batch import SimulationStatus
@@ -240,7 +241,7 @@ def test_the_batch_and_a_plain_plant_agree(leg8, model):
     rng, b, n, nv = np.random.default_rng(3), 3, model.n_muscle, model.nv
     load = lambda t: np.sin(7 * t)[:, None] * np.ones(nv)  # noqa: E731
     plants = [mjhcmc.MujocoPlant(model, 0.001, load if i == 1 else None) for i in range(b)]
-    together = Lockstep([model] * b, 0.001, [p.external for p in plants], threads=2)
+    together = Lockstep([model] * b, 0.001, [p.surroundings for p in plants], threads=2)
     alone = OneByOne(plants)
     states = [
         mjhcmc.plant.State(
@@ -272,6 +273,38 @@ def test_the_batch_and_a_plain_plant_agree(leg8, model):
     x, y = together.nodes(1, rows, s), alone.nodes(1, theirs, s)
     for name in ("muscle_force", "muscle_moment", "net_joint_moment", "external_load"):
         np.testing.assert_allclose(getattr(x, name), getattr(y, name), rtol=1e-12, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("model", "poses", "held", "contacts"),
+    [
+        ("leg8", ([0.1, -0.3, 0.2], [0.1, 0.1740, 0.2], [0.1, 0.2, 0.2]), [False, True, True], [0, 0, 0]),
+        ("contact", ([0.2, 0.1], [1.0, 0.6977], [-0.35, 0.1], [-0.5, 0.72]), [False, True, True, True], [0, 0, 1, 2]),
+    ],
+)  # fmt: skip
+def test_what_holds_a_model_is_seen_alike(leg8, model, poses, held, contacts):
+    """Held: within 1e-3 of a limit, or in contact; contacts alone, with limits beside them, add to M, D and K."""
+    model = leg8 if model == "leg8" else load_xml(CONTACT)
+    rng, b, nv = np.random.default_rng(5), len(poses), model.nv
+    plants = [mjhcmc.MujocoPlant(model, 0.001) for _ in range(b)]
+    together, alone = Lockstep([model] * b, 0.001, [p.surroundings for p in plants]), OneByOne(plants)
+    states = [
+        mjhcmc.plant.State(0.0, np.array(q), rng.normal(size=nv), rng.uniform(size=model.n_muscle), np.zeros(nv))
+        for q in poses
+    ]
+    ids, s = np.arange(b), rng.normal(size=(b, nv))
+    x, y = (p.linearize(ids, p.rows(states), s, stiffness=True) for p in (together, alone))
+    assert [p.mj_data.ncon for p in plants] == contacts
+    assert x.held.tolist() == y.held.tolist() == held
+    np.testing.assert_array_equal(x.qacc, y.qacc)
+    np.testing.assert_array_equal(x.M, y.M)
+    for k, plant in enumerate(plants):
+        plant.set_state(states[k])
+        plant.forward()
+        assert (np.abs(x.M[k] - mass_matrix(plant)).max() > 1.0) == (contacts[k] > 0)
+    for name in ("D", "K"):
+        size = np.abs(getattr(y, name)).max()
+        np.testing.assert_allclose(getattr(x, name), getattr(y, name), rtol=0, atol=1e-7 * size)
 
 
 def test_a_plant_of_ones_own_gives_the_same(leg8):

@@ -180,6 +180,22 @@ def test_lengths_and_moment_arms_follow_any_subject(documents: Path, name: str, 
     assert rms_length[free].max() < 2e-6
 
 
+@pytest.mark.parametrize("moving_knee", [False, True])
+@pytest.mark.parametrize("femur", [0.85, 1.0, 1.25])
+def test_lengths_have_no_jumps_over_the_whole_range(tmp_path: Path, femur: float, moving_knee: bool) -> None:
+    """No step along a joint changes a length by more than the moment arm says; wraps that flip would."""
+    path = write_osim(tmp_path / "own.osim", size={"pelvis": 1.0, "femur": femur, "tibia": 1.1, "foot": 1.0})
+    model = PathModel(subject_table(OsimLeg(read_osim(path), "right"), moving_knee=moving_knee))
+    for joint, (low, high) in enumerate(np.radians([[-120, 120], [-120, 12], [-90, 90]])):
+        for other in (0.0, -0.9):
+            qpos = np.zeros((601, 3))
+            qpos[:, 1] = other
+            qpos[:, joint] = np.linspace(low, high, len(qpos))
+            length, arm = model.lengths_and_arms(qpos)
+            reach = np.maximum(np.abs(arm[1:, :, joint]), np.abs(arm[:-1, :, joint])) * (high - low) / 600
+            assert (np.abs(np.diff(length, axis=0)) <= reach * 1.02 + 1e-6).all(), JOINTS[joint]
+
+
 def test_scaling_laws(documents: Path) -> None:
     """A document of 1.2 times the size and 1.5 times the mass: forces of gravity and inertia, damping, muscle range."""
     own, large = (leg8_from_osim(documents / f"{name}.osim", base="fixed").compile() for name in ("own", "large"))

@@ -6,6 +6,7 @@ import pytest
 from conftest import HANGING_MASS, MUSCLE_ACTUATOR, PENDULUMS, load_xml
 
 import mjhcmc
+from mjhcmc.dynamics import node_forces
 
 
 def hanging(actuator=MUSCLE_ACTUATOR):
@@ -85,8 +86,8 @@ def test_column_map_of_a_model(tmp_path):
 REFUSED = {
     "no muscle": (hanging('<motor name="m" joint="height"/>'), r"'hanging' has no muscle among its 1 actuators"),
     "forcerange": (
-        hanging(MUSCLE_ACTUATOR.replace("/>", ' forcerange="-50 0" forcelimited="true"/>')),
-        r"muscle 'pull' is clamped by forcerange -50\.\.0.*remove forcerange",
+        hanging(MUSCLE_ACTUATOR.replace("/>", ' forcerange="-50 -50" forcelimited="true"/>')),
+        r"muscle 'pull' has forcerange -50\.\.-50, which leaves no force: correct or remove it",
     ),
     "joint clamp": (
         hanging().replace('name="height"', 'name="height" actuatorfrcrange="-5 5" actuatorfrclimited="true"'),
@@ -107,15 +108,13 @@ REFUSED = {
         hanging(MUSCLE_ACTUATOR.replace('"0 1"', '"-1 0" ctrllimited="true"')),
         r"'pull' has ctrlrange -1\.\.0",
     ),
-    "ball joint": (
-        hanging().replace('type="slide" axis="0 0 1" range="-.5 .5" limited="true"', 'type="ball"'),
-        r"joint 'height' is of type ball",
-    ),
-    "equality": (
+    "equality of flexes": (
         PENDULUMS.replace(
-            "<actuator>", '<equality><joint name="tie" joint1="elbow" joint2="shoulder"/></equality><actuator>'
+            "<worldbody>",
+            '<worldbody><flexcomp name="cord" type="grid" count="2 1 1" spacing=".1 .1 .1" dim="1" pos="1 0 0">'
+            '<edge equality="true"/></flexcomp>',
         ),
-        r"equality constraint 'tie'",
+        r"equality constraint .* is of a type that cannot be followed \(only joint, tendon, connect and weld can\)",
     ),
     "disabled": (
         hanging().replace("<option", '<option actuatorgroupdisable="0"'),
@@ -129,6 +128,54 @@ def test_refused_by_name(case):
     xml, message = REFUSED[case]
     with pytest.raises(mjhcmc.ModelError, match=message):
         load_xml(xml)
+
+
+# --- what models may have -----------------------------------------------------------------------------------------
+
+
+def test_a_forcerange_is_taken():
+    """Force is affine in activation up to the clamp; what is clamped comes back as what the muscle pulls."""
+    model = load_xml(hanging(MUSCLE_ACTUATOR.replace("/>", ' forcerange="-50 0" forcelimited="true"/>')))
+    assert model.muscle_names == ("pull",)
+    plant = mjhcmc.MujocoPlant(model)
+    for activation, clamped in ((0.2, False), (1.0, True)):
+        plant.set_state(mjhcmc.plant.State(0.0, np.zeros(1), np.zeros(1), np.array([activation]), np.zeros(1)))
+        plant.forward()
+        force = node_forces(plant).muscle_force[0]
+        assert (force == 50) == clamped
+        assert 0 < force <= 50
+
+
+def test_a_ball_joints_coordinates_and_degrees_of_freedom_are_named():
+    ball = hanging().replace('type="slide" axis="0 0 1" range="-.5 .5" limited="true"', 'type="ball"')
+    model = load_xml(ball.replace('site name="hook" pos="0 0 0"', 'site name="hook" pos=".1 0 0"'))
+    assert model.joint_names == ("height_qw", "height_qx", "height_qy", "height_qz")
+    assert model.dof_names == ("height_rx", "height_ry", "height_rz")
+    assert model.dof_is_rotation.all()
+    assert not model.joint_is_rotation.any()
+    assert model.quaternions == (0,)
+    np.testing.assert_array_equal(model.joint_range, np.tile([-np.inf, np.inf], (4, 1)))
+    np.testing.assert_array_equal(model.qpos_reference, [1, 0, 0, 0])
+
+
+def test_a_free_joints_coordinates_follow_those_before_it():
+    free = '<worldbody><body name="base"><freejoint name="base"/><geom size=".1" contype="0" conaffinity="0"/></body>'
+    model = load_xml(PENDULUMS.replace("<worldbody>", free))
+    assert model.joint_names[:7] == ("base_tx", "base_ty", "base_tz", "base_qw", "base_qx", "base_qy", "base_qz")
+    assert model.dof_names == ("base_tx", "base_ty", "base_tz", "base_rx", "base_ry", "base_rz", "shoulder", "elbow")
+    assert model.dof_is_rotation.tolist() == [False] * 3 + [True] * 5
+    assert model.quaternions == (3,)
+    assert (model.nq, model.nv) == (9, 8)
+
+
+def test_an_equality_makes_its_joint_dependent():
+    tie = '<equality><joint name="tie" joint1="elbow" joint2="shoulder" polycoef=".1 -2 0 0 0"/></equality><actuator>'
+    model = load_xml(PENDULUMS.replace("<actuator>", tie))
+    assert [str(role) for role in model.roles.of] == ["tracked", "dependent"]
+    np.testing.assert_allclose(model.qpos_reference, [0, 0.1])
+
+
+# --- files --------------------------------------------------------------------------------------------------------
 
 
 def test_files_that_are_no_model(tmp_path):

@@ -35,6 +35,7 @@ ANKLE_GRID_DEG = (-30.0, -10.0, 5.0, 20.0)
 _WALKING_DEG = (-75.0, 6.0)  # knee angles that count fully
 _BEYOND_WEIGHT = 0.3
 _FLEXED_DEG = (-100.0, -110.0, -120.0)  # where the arm must keep its sign
+_PAST_END = 0.05  # beyond the knee's range, where the site must be clear of its cylinder still, rad
 _GAP_CLEARANCE = 0.03  # from the gap down to the cylinder, m
 _CLEARANCE = 1.15  # smallest distance of a fitted site from its cylinder's axis, in radii
 _OTHERS = {"rect_fem": 0, "vasti": None, "gastroc": 2}  # the other joint that a fitted muscle spans
@@ -233,9 +234,8 @@ class _Fit:
                 stretch -= np.average(stretch, weights=weight)
             errors = np.concatenate([stretch[:, None], own_arm[:n] - arm], axis=1) * weight[:, None]
             short = self.wrap.flexed_arm * self.size - self.wrap.sign * own_arm[n:, 1]
-            gap = np.hypot(x[3] - x[0], x[4] - x[1])
-            near = 0.0 if self.wrap.sign > 0 else max(_CLEARANCE * x[2] - gap, 0.0)
-            return np.concatenate([errors.ravel(), _BEYOND_WEIGHT * np.maximum(short, 0.0), [10 * near]]) * 1e3
+            near = np.maximum(_CLEARANCE * x[2] - self._distance(x), 0.0)
+            return np.concatenate([errors.ravel(), _BEYOND_WEIGHT * np.maximum(short, 0.0), 10 * near]) * 1e3
 
         fits = [
             least_squares(
@@ -251,6 +251,20 @@ class _Fit:
         best = min(fits, key=lambda fit: float(fit.cost))
         self._move(model.model, table, best.x)
         return np.asarray(best.x, float)
+
+    def _distance(self, x: Array) -> Array:
+        """How far the site is from the cylinder's axis at knee angles over the whole range, m."""
+        place = np.array([x[3:]])
+        if self.site_part == "tibia":
+            low, high = (
+                getattr(self.leg.model.coordinates[self.leg.name("knee_angle")], end) for end in ("low", "high")
+            )
+            angle = np.linspace(low, high + _PAST_END, 40)
+            cosine, sine = np.cos(angle), np.sin(angle)
+            turned = np.stack([cosine * x[3] - sine * x[4], sine * x[3] + cosine * x[4]], axis=1)
+            place = self.leg.knee_path(angle)[:, :2] + turned
+        distance: Array = np.linalg.norm(place - x[:2], axis=1)
+        return distance
 
     def open_gap(self, table: dict[str, Any]) -> None:
         """Cut the patella out of a fitted path in front of the knee, so that its length is the document's.
