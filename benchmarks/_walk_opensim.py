@@ -122,8 +122,10 @@ def main(source: Path, table: Path, end: float = END) -> None:
         "# Activations of the right leg's muscles in a walk, found by OpenSim "
         f"{opensim.GetVersion().split('-')[0]} (CMC, kp {KP}, kv {KV}, window {WINDOW:g} s) with the model, motion and "
         "ground reaction of gait10dof18musc (Delp, Loan, Hoy, Zajac, Topp, Rosen, Thelen, Anderson, Seth; CC-BY 3.0).",
-        f"# Seconds for {end + WINDOW - START:.2f} s of motion: {wall:.0f} by the clock, {cpu:.0f} of CPU. Peak residuals and "
-        "reserves, N or N m: " + ", ".join(f"{k.removeprefix('reserve_')} {v:.3g}" for k, v in peak.items()) + ".",
+        f"# Seconds for {end + WINDOW - START:.2f} s of motion: {wall:.0f} by the clock, {cpu:.0f} of CPU. Peak "
+        "residuals and reserves, N or N m: "
+        + ", ".join(f"{k.removeprefix('reserve_')} {v:.3g}" for k, v in peak.items())
+        + ".",
         ",".join(["time", *(f"a_{muscle}" for muscle in muscles)]),
     ]
     n = round((end - START - INITIALISATION) / STEP)

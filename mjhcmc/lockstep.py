@@ -11,91 +11,44 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import fields
 from functools import cached_property
-from types import SimpleNamespace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
-from mjhcmc.dynamics import POSITION_STEP, VELOCITY_STEP, NodeForces, fiber_damping, forces_from
-from mjhcmc.lockstep_kernels import fill_nodes, put_around, put_beside, read_around, read_beside, read_slopes
-from mjhcmc.model import MuscleModel
-from mjhcmc.plant import State
+from mjhcmc.beside import FEW, Beside
+from mjhcmc.dynamics import POSITION_STEP, VELOCITY_STEP, NodeForces, forces_from
 from mjhcmc.held import add_held
+from mjhcmc.linearization import (
+    Array,
+    Bound,
+    Ids,
+    Index,
+    Layout,
+    Linearization,
+    as_slice,
+    columns_of,
+    without,
+)
+from mjhcmc.lockstep_kernels import fill_nodes, put_around, read_around, read_slopes
+from mjhcmc.model import MuscleModel, unclamped
+from mjhcmc.plant import State
 from mjhcmc.surroundings import HEAVY, Columns, Kinematics, Outside, Surroundings, coordinates_of, heavy
 
-Array = NDArray[np.float64]
-Ids = NDArray[np.intp]
-Index = NDArray[np.intp] | slice
-
-_MOMENTS = ("actuator_moment", "moment_rownnz", "moment_rowadr", "moment_colind")
 _PROBED = ("qacc", "M", "ncon", "qfrc_smooth", "actuator_force", "actuator_velocity", "ten_velocity")
 _AT_NODES = (
     "qacc", "M", "qfrc_passive", "qfrc_actuator", "qfrc_bias", "qfrc_constraint", "actuator_force", "actuator_velocity",
     "ten_velocity", "qfrc_smooth", "qfrc_applied",
 )  # fmt: skip
 _VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
-_NEAR = 1e-3  # rad or m from a joint's limit
-_OF_ACTUATORS = ("actuator_force", "actuator_length", "actuator_velocity", "ten_velocity", "ten_J")
+NEAR = 1e-3
+"""rad or m from a joint's limit, from where on it may hold the joint."""
+
 _NODES_AT_ONCE = 1024  # bounds the memory of the pass over a long record
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Where in a state row what stands.
-
-    Attributes:
-        time: column.
-        qpos: columns, (nq).
-        qvel: columns, (nv).
-        activation: columns, (n_muscle).
-        warmstart: columns, (nv).
-        fiber: columns, (n_muscle) where tendons are compliant, else none.
-    """
-
-    time: int
-    qpos: slice
-    qvel: slice
-    activation: Index
-    warmstart: slice
-    fiber: slice = field(default_factory=lambda: slice(0, 0))
-
-    def state(self, row: Array) -> State:
-        """A row as a `State`."""
-        columns = (self.qpos, self.qvel, self.activation, self.warmstart, self.fiber)
-        return State(float(row[self.time]), *(row[part].copy() for part in columns))
-
-
-class Linearization(NamedTuple):
-    """What forces do around one state of each simulation.
-
-    Attributes:
-        qacc: (b, nv) rad/s^2 or m/s^2, acceleration.
-        M: (b, nv, nv) kg m^2, mass matrix.
-        B: (b, nv, n_muscle) N m, joint moments at full activation, without bias.
-        gain: (b, n_muscle) N, pulling positive, each muscle's actuator force at full activation, without its bias.
-        bias: (b, n_muscle) N, its force at zero activation; with fiber damping where asked for.
-        D: (b, nv, nv) N m s, -dF/dv of all smooth forces at fixed activation.
-        K: (b, nv, nv) N m, -dF/dq likewise; None where it was not asked for.
-        held: (b,) True where a joint is at its limit, or a contact is near.
-    """
-
-    qacc: Array
-    M: Array
-    B: Array
-    gain: Array
-    bias: Array
-    D: Array
-    K: Array | None
-    held: NDArray[np.bool_]
-
-    def of(self, which: NDArray[np.bool_]) -> Linearization:
-        """That of some of the simulations."""
-        return Linearization(*(None if part is None else part[which] for part in self))  # type: ignore[arg-type]
 
 
 class Plants(Protocol):
@@ -158,16 +111,16 @@ class Lockstep:
         self._batches = {1.0: self._batch(1.0)}
         first, batch = models[0], self._batches[1.0]
         self._qacc = batch.bind("qacc")
-        self._act = (_columns(batch, "act").start + first.act_index).astype(np.intp)
+        self._act = (columns_of(batch, "act").start + first.act_index).astype(np.intp)
         self.layout = Layout(
-            time=_columns(batch, "time").start,
-            qpos=_columns(batch, "qpos"),
-            qvel=_columns(batch, "qvel"),
-            activation=_as_slice(self._act),
-            warmstart=_columns(batch, "qacc_warmstart"),
+            time=columns_of(batch, "time").start,
+            qpos=columns_of(batch, "qpos"),
+            qvel=columns_of(batch, "qvel"),
+            activation=as_slice(self._act),
+            warmstart=columns_of(batch, "qacc_warmstart"),
         )
-        self._ctrl = _as_slice(_columns(batch, "ctrl").start + first.ctrl_index)
-        self._applied = _columns(batch, "qfrc_applied")
+        self._ctrl = as_slice(columns_of(batch, "ctrl").start + first.ctrl_index)
+        self._applied = columns_of(batch, "qfrc_applied")
         self._beside = Beside(self) if first.nv > FEW else None
         self._outside: Outside | None = None
         if not all(s.empty for s in surroundings):
@@ -175,14 +128,18 @@ class Lockstep:
 
     def _state_columns(self) -> Columns:
         at = self.layout
-        on_bodies = _columns(self._batches[1.0], "xfrc_applied").start
+        on_bodies = columns_of(self._batches[1.0], "xfrc_applied").start
         return Columns(at.time, at.qpos.start, at.qvel.start, self._applied.start, on_bodies)
 
-    def _batch(self, times: float, copies: int = 1) -> Batch:
-        """The simulations, each so many times over, with a step of so many times physics_dt."""
+    def _batch(self, times: float, copies: int = 1, *, clamped: bool = True) -> Batch:
+        """The simulations, each so many times over, with a step of so many times physics_dt.
+
+        Muscle force is affine in activation where no forcerange clamps it.
+        """
 
         def stepped(model: MuscleModel) -> Any:
-            return self._stepped(model, times)
+            m = self._stepped(model, times)
+            return m if clamped else unclamped(m, model)
 
         first = self._models[0]
         batch = Batch(stepped(first), copies * self.count, self._threads)
@@ -214,7 +171,7 @@ class Lockstep:
     @cached_property
     def _probe(self) -> tuple[Batch, Bound]:
         """Each simulation 2 + nv times, to look around a state in one call."""
-        batch = self._batch(1.0, 2 + self._models[0].nv)
+        batch = self._batch(1.0, 2 + self._models[0].nv, clamped=False)
         return batch, Bound(batch, self._models[0], self._probed)
 
     def rows(self, states: Sequence[State]) -> Array:
@@ -304,7 +261,7 @@ class Lockstep:
         """(b,) which simulations a joint's limit or a contact holds, or nearly so."""
         columns, limits = self._limits
         q = rows[:, columns]
-        found: NDArray[np.bool_] = ((q < limits[:, 0] + _NEAR) | (q > limits[:, 1] - _NEAR)).any(axis=1)
+        found: NDArray[np.bool_] = ((q < limits[:, 0] + NEAR) | (q > limits[:, 1] - NEAR)).any(axis=1)
         return found | (n_contact > 0)
 
     def _hold(
@@ -420,145 +377,3 @@ class Lockstep:
 
 
 
-FEW = 10
-"""Degrees of freedom up to which each is moved by itself to see what forces do; in larger models see `Beside`."""
-
-
-class Beside:
-    """Looks at states of large models, by one step of all velocities and one of all positions together.
-
-    Constraints are left out where they do not count, which takes less than half of the time.
-
-    Args:
-        plants: the simulations.
-    """
-
-    def __init__(self, plants: Lockstep) -> None:
-        self._models = models = plants._models
-        m = models[0].mj_model
-        self._batch = Batch(_smooth(m), 3 * len(models), plants._threads)
-        if plants._differ:
-            own = [_smooth(model.mj_model) for model in models]
-            self._batch.set_models([each for each in own for _ in range(3)])
-        self._bound = Bound(self._batch, models[0], _OF_ACTUATORS)
-        self._here = Bound(plants._batches[1.0], models[0], (*_OF_ACTUATORS, "qacc", "M", "ncon"))
-        rng = np.random.default_rng(0)
-        self._way = rng.uniform(0.5, 1.0, m.nv) * rng.choice([-1.0, 1.0], m.nv)
-        of_joint = m.dof_jntid
-        scalar = np.isin(m.jnt_type, [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)])
-        self._stiff = np.where(scalar, m.jnt_stiffness, 0.0)[of_joint]
-        self._tendons = np.flatnonzero(m.tendon_damping)
-
-    def look(
-        self, plants: Lockstep, ids: Ids, start: Array, *, stiffness: bool, damping: bool
-    ) -> tuple[set[int], Linearization]:
-        """Those that fail, and what forces do around states with all that acts; see `Plants.linearize`."""
-        batch, here, beside, at = plants._batches[1.0], self._here, self._bound, plants.layout
-        model, b = self._models[0], len(ids)
-        m, nv, n = model.mj_model, model.nv, model.n_muscle
-        batch.state[plants._where(ids)] = start
-        failed = plants._call(batch, batch.forward, ids)
-        qpos = np.empty((0, m.nq))
-        if stiffness:
-            step = np.broadcast_to(POSITION_STEP * self._way, (b, nv))
-            qpos = np.ascontiguousarray(model.coordinates.moved(start[:, at.qpos], step))
-        put_beside(
-            self._batch.state, ids, start, plants._act, at.qpos.start, at.qvel.start, VELOCITY_STEP * self._way, qpos
-        )
-        which = 3 * ids[:, None] + np.arange(3 if stiffness else 2)
-        try:
-            self._batch.forward(np.ascontiguousarray(which.ravel()))
-        except SimulationError as error:
-            failed |= {int(i) // 3 for i in error.ids}
-        qacc, gain, bias = np.empty((b, nv)), np.empty((b, n)), np.empty((b, n))
-        M, B, D = np.empty((b, nv, nv)), np.empty((b, nv, n)), np.empty((b, nv, nv))
-        K = np.empty((b, nv, nv)) if stiffness else np.empty((0, 0, 0))
-        read_beside(
-            start, ids, plants._act, here.M, *here.M_index, *here.moment, here.muscles, here.actuator_force,
-            here.actuator_length, here.actuator_velocity, beside.actuator_force, beside.actuator_length,
-            beside.actuator_velocity, start[:, at.qvel], m.dof_damping, m.dof_dampingpoly, self._stiff, stiffness, qacc,
-            here.qacc, M, B, gain, bias, D, K,
-        )  # fmt: skip
-        if damping:
-            bias += np.array([here.fiber_damping(self._models[i], i) for i in ids])
-        if self._tendons.size:
-            D += self._of_tendons(m, here, ids)
-        n_contact, slopes = here.ncon[ids], K if stiffness else None
-        plants._hold(ids, start, n_contact, M, D, slopes)
-        held = plants._held(start, n_contact)
-        return failed, Linearization(qacc, M, B, gain, bias, D, slopes, held)
-
-    def _of_tendons(self, m: Any, here: Bound, ids: Ids) -> Array:
-        """(b, nv, nv) what the damping of tendons adds to D."""
-        J = np.zeros((len(ids), m.ntendon, m.nv))
-        for t in self._tendons:
-            part = slice(m.ten_J_rowadr[t], m.ten_J_rowadr[t] + m.ten_J_rownnz[t])
-            J[:, t, m.ten_J_colind[part]] = here.ten_J[ids][:, part]
-        v = here.ten_velocity[ids]
-        poly = m.tendon_dampingpoly
-        d = m.tendon_damping + 2 * poly[:, 0] * np.abs(v) + 3 * poly[:, 1] * v**2
-        found: Array = np.swapaxes(J, 1, 2) @ (d[:, :, None] * J)
-        return found
-
-
-def _smooth(m: Any) -> Any:
-    """A copy of a compiled model without constraints and sensors."""
-    smooth = copy.copy(m)
-    off = mujoco.mjtDisableBit
-    smooth.opt.disableflags |= int(off.mjDSBL_CONSTRAINT) | int(off.mjDSBL_SENSOR)
-    return smooth
-
-
-class Bound:
-    """MuJoCo's derived quantities of a batch, (nsim, ...), by MuJoCo's names; up to date after each of its calls."""
-
-    qacc: Array
-    M: Array
-    nefc: NDArray[np.int32]
-    ncon: NDArray[np.int32]
-    qfrc_smooth: Array
-    qfrc_passive: Array
-    qfrc_bias: Array
-    qfrc_actuator: Array
-    qfrc_applied: Array
-    actuator_force: Array
-    actuator_length: Array
-    actuator_velocity: Array
-    ten_velocity: Array
-    ten_J: Array
-    M_index: tuple[Any, Any, Any]
-    moment: tuple[Any, Any, Any, Any]
-
-    def __init__(self, batch: Batch, model: MuscleModel, names: Sequence[str]) -> None:
-        m = model.mj_model
-        self.muscles = m.actuator_outadr[model.muscle_ids].astype(np.intp)
-        self.M_index = m.M_rownnz.copy(), m.M_rowadr.copy(), m.M_colind.copy()
-        arm, rownnz, rowadr, colind = (batch.bind(name) for name in _MOMENTS)
-        self.moment = arm, rownnz, rowadr, colind
-        for name in names:
-            setattr(self, name, batch.bind(name))
-
-    def fiber_damping(self, model: MuscleModel, row: int) -> Array:
-        """(n_muscle,) N of one row, see `dynamics.fiber_damping`."""
-        at = SimpleNamespace(actuator_velocity=self.actuator_velocity[row], ten_velocity=self.ten_velocity[row])
-        return fiber_damping(model, at)
-
-
-def _columns(batch: Batch, name: str) -> slice:
-    """Where a field stands in the batch's state rows."""
-    field, state = batch.bind(name), batch.state
-    start = (field.__array_interface__["data"][0] - state.__array_interface__["data"][0]) // state.itemsize
-    return slice(start, start + field[0].size)
-
-
-def _as_slice(columns: NDArray[np.intp]) -> Index:
-    """The same columns as a slice where they are neighbours: quicker."""
-    together = bool((np.diff(columns) == 1).all())
-    return slice(int(columns[0]), int(columns[0]) + len(columns)) if together else columns.astype(np.intp)
-
-
-def without(failed: set[int], ids: Ids, values: Array) -> Array:
-    """The values, NaN for simulations that failed."""
-    if failed:
-        values[[int(i) in failed for i in ids]] = np.nan
-    return values

@@ -100,12 +100,13 @@ def read_slopes(ids, step, smooth, K):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def put_beside(probe, ids, start, activation, q0, v0, change, qpos):  # type: ignore[no-untyped-def]
-    """Put three states beside each of b into a probe, three rows a simulation: of a large model there are no more.
+    """Put states beside each of b into a probe, four rows a simulation: of a large model there are no more.
 
-    One with activations far from those there; one with another velocity; one with another position, where asked for.
+    One with activations far from those there; one with another velocity; one with another position, where asked for;
+    and the state itself.
 
     Args:
-        probe: (3 count, n_row) the rows.
+        probe: (4 count, n_row) the rows.
         ids: (b,) the simulations.
         start: (b, n_row) their states.
         activation: (n_muscle,) columns.
@@ -115,8 +116,8 @@ def put_beside(probe, ids, start, activation, q0, v0, change, qpos):  # type: ig
         qpos: (b, nq) the other positions; (0, nq): not asked for.
     """
     for s in range(ids.size):
-        row = 3 * ids[s]
-        for c in range(3 if len(qpos) else 2):
+        row = 4 * ids[s]
+        for c in range(4):
             for i in range(start.shape[1]):
                 probe[row + c, i] = start[s, i]
         for i in activation:
@@ -143,7 +144,7 @@ def read_beside(  # type: ignore[no-untyped-def]
     nv, n = B.shape[1:]
     full = np.empty(nv)
     for s in range(ids.size):
-        k, at = ids[s], 3 * ids[s]
+        k, at = ids[s], 4 * ids[s]
         fill_inertia(packed[k], rownnz, rowadr, colind, M[s])
         for i in range(nv):
             qacc[s, i] = all_qacc[k, i]

@@ -177,6 +177,12 @@ class MuscleModel:
         return self._if_muscle_gain(length)
 
     @cached_property
+    def force_limit(self) -> NDArray[np.float64]:
+        """(n_muscle,) N, what a forcerange lets each muscle pull with (before any gear); inf where there is none."""
+        m, i = self.mj_model, self.muscle_ids
+        return np.where(m.actuator_forcelimited[i].astype(bool), -m.actuator_forcerange[i, 0], np.inf)
+
+    @cached_property
     def path_gear(self) -> NDArray[np.float64]:
         """(n_muscle,) force along the path for a unit of actuator force: the gear at tendons, 1 elsewhere."""
         m, ids = self.mj_model, self.muscle_ids
@@ -281,6 +287,15 @@ def read_model(m: Any, name: str) -> MuscleModel:
         excitation_range=np.ascontiguousarray(np.clip(urange, 0.0, 1.0)),
         opensim=opensim,
     )
+
+
+def unclamped(m: Any, model: MuscleModel) -> Any:
+    """A compiled model without the forceranges of its muscles: itself where there are none, else a copy."""
+    if not np.isfinite(model.force_limit).any():
+        return m
+    m = copy.copy(m)
+    m.actuator_forcelimited[model.muscle_ids] = 0
+    return m
 
 
 def dofs_by_name(model: MuscleModel) -> dict[str, NDArray[np.intp]]:

@@ -10,7 +10,8 @@ import numpy as np
 from mjhcmc import dynamics
 from mjhcmc.dynamics import NodeForces
 from mjhcmc.held import add_held
-from mjhcmc.lockstep import _NEAR, Array, Ids, Layout, Linearization
+from mjhcmc.linearization import Array, Ids, Layout, Linearization
+from mjhcmc.lockstep import NEAR
 from mjhcmc.plant import MujocoPlant, State
 from mjhcmc.surroundings import coordinates_of
 
@@ -92,7 +93,7 @@ class OneByOne:
     def _near_limit(self, plant: MujocoPlant) -> bool:
         """Whether a joint is at its limit, or nearly so; not one that equality constraints put there."""
         q = plant.mj_data.qpos[self._limited]
-        return bool(((q < self._limits[:, 0] + _NEAR) | (q > self._limits[:, 1] - _NEAR)).any())
+        return bool(((q < self._limits[:, 0] + NEAR) | (q > self._limits[:, 1] - NEAR)).any())
 
     def _put(self, i: int, row: Array, reserve: Array) -> Array:
         plant = self._plants[i]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.activation import activation_after, excitation_for
+from mjhcmc.clamps import activation_cap
 from mjhcmc.errors import SettingsError
 from mjhcmc.model import MuscleModel
 from mjhcmc.surroundings import HEAVY, Columns, External, Kinematics, Outside, Plan, Surroundings, heavy
@@ -228,11 +229,13 @@ class MujocoPlant:
     def gain_and_bias(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Muscle force as gain a + bias, each (n_muscle,) N, pulling positive, at the plant's last `forward`.
 
-        Leaves the derived actuator forces at activation 0; the plant's state is unchanged.
+        That of muscles that no forcerange clamps. Leaves the derived actuator forces at activation 0; the plant's state is unchanged.
         """
         m, d, index = self.mj_model, self.mj_data, self.model.act_index
         rows = m.actuator_outadr[self.model.muscle_ids]
-        held = d.act[index]
+        held, ids = d.act[index], self.model.muscle_ids
+        clamped = m.actuator_forcelimited[ids].copy()
+        m.actuator_forcelimited[ids] = 0
         d.act[index] = 1.0
         mujoco.mj_fwdActuation(m, d)
         full = -d.actuator_force[rows]
@@ -240,6 +243,7 @@ class MujocoPlant:
         mujoco.mj_fwdActuation(m, d)
         bias = -d.actuator_force[rows]
         d.act[index] = held
+        m.actuator_forcelimited[ids] = clamped
         return full - bias, bias
 
     def steady_gain_and_bias(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -269,6 +273,10 @@ class MujocoPlant:
         self.set_state(expected)
         self.set_input(None, np.zeros(self.model.nv))
         self.forward()
+        if np.isfinite(self.model.force_limit).any():
+            cap = activation_cap(self.model.force_limit, *self.gain_and_bias())
+            high = np.maximum(low, np.minimum(high, cap))
+            self.forward()
         low = np.minimum(np.maximum(low, least), high)
         return Outlook(low, high, lambda goal: self.excitation_reaching(state.activation, goal, n_step))
 

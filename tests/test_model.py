@@ -85,10 +85,6 @@ def test_column_map_of_a_model(tmp_path):
 
 REFUSED = {
     "no muscle": (hanging('<motor name="m" joint="height"/>'), r"'hanging' has no muscle among its 1 actuators"),
-    "forcerange": (
-        hanging(MUSCLE_ACTUATOR.replace("/>", ' forcerange="-50 -50" forcelimited="true"/>')),
-        r"muscle 'pull' has forcerange -50\.\.-50, which leaves no force: correct or remove it",
-    ),
     "joint clamp": (
         hanging().replace('name="height"', 'name="height" actuatorfrcrange="-5 5" actuatorfrclimited="true"'),
         r"joint 'height' is clamped by actuatorfrcrange",
@@ -128,6 +124,14 @@ def test_refused_by_name(case):
     xml, message = REFUSED[case]
     with pytest.raises(mjhcmc.ModelError, match=message):
         load_xml(xml)
+
+
+def test_a_forcerange_that_leaves_no_force_is_refused():
+    m = mujoco.MjModel.from_xml_string(hanging())
+    m.actuator_forcelimited[0], m.actuator_forcerange[0] = True, (-50, -50)
+    message = r"muscle 'pull' has forcerange -50\.\.-50, which leaves no force: correct or remove it"
+    with pytest.raises(mjhcmc.ModelError, match=message):
+        mjhcmc.MuscleModel.load(m)
 
 
 # --- what models may have -----------------------------------------------------------------------------------------

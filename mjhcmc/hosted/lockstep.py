@@ -23,7 +23,8 @@ from mjhcmc.errors import SettingsError
 from mjhcmc.hosted.curves import CompiledCurves
 from mjhcmc.hosted.muscles import HostedMuscles, bodies_of
 from mjhcmc.hosted.stages import accelerate, advance_stage, pull, read_muscles, read_slopes_around
-from mjhcmc.lockstep import Array, Bound, Ids, Linearization, Lockstep, without
+from mjhcmc.linearization import Array, Bound, Ids, Linearization, without
+from mjhcmc.lockstep import Lockstep
 from mjhcmc.lockstep_kernels import fill_nodes, put_around
 from mjhcmc.model import MuscleModel
 from mjhcmc.plant import State

@@ -57,6 +57,7 @@ class Trial(NamedTuple):
         kv: (b, nv) 1/s.
         step: s, physics step of the trial.
         n_step: its physics steps; 0: no trial, the end is where the window should end but for the activation.
+        cap: (b, n_muscle) activation beyond which muscles pull no more.
         time: (b,) s, at the end.
     """
 
@@ -75,6 +76,7 @@ class Trial(NamedTuple):
     kv: Array
     step: float
     n_step: int
+    cap: Array
     time: Array
 
 
@@ -129,7 +131,7 @@ def correct(
     """
     b, nv, n = trial.B.shape
     answers, wanted, Q = np.empty((b, nv, n + nv)), np.empty((b, nv)), np.empty((b, nv))
-    low, high, excitation = np.empty((b, n)), np.empty((b, n)), np.empty((b, n))
+    low, high, top, excitation = (np.empty((b, n)) for _ in range(4))
     shortfall, rate, state = np.empty((b, nv)), np.empty(b), np.empty(b, dtype=np.int64)
     w, a0, cubic = sharing.weigh(trial.gain, trial.bias, trial.start_activation, trial.time)
     ours, close = sharing.solver == NEWTON and cubic is None, _CLOSE if trial.n_step else _NEAR
@@ -142,8 +144,8 @@ def correct(
         )  # fmt: skip
         _share(
             first, last, trial.start_activation, trial.reserve, trial.activation, trial.B, trial.M, reach.parameters,
-            reach.excitation_range, reach.step, reach.n_step, close, sharing.min_activation, sharing.disabled, w, a0,
-            ELASTICITY, reserves, ours, price, answers, wanted, Q, low, high, excitation, shortfall, state,
+            reach.excitation_range, reach.step, reach.n_step, close, trial.cap, sharing.min_activation, sharing.disabled, w, a0,
+            ELASTICITY, reserves, ours, price, answers, wanted, Q, low, high, top, excitation, shortfall, state,
         )  # fmt: skip
 
     in_chunks(chunk, b, threads)
@@ -151,7 +153,7 @@ def correct(
     if not state.all():
         open_ = np.flatnonzero(state != _SETTLED)
         goal = np.full((b, n), np.nan)
-        program = Program(answers, wanted, Q, low, high)
+        program = Program(answers, wanted, Q, low, top)
         errors = share_the_rest(
             open_, trial, sharing, program, (w, a0, price) if ours else None, goal, shortfall, reserves=reserves
         )
@@ -392,8 +394,8 @@ def settle(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _share(  # type: ignore[no-untyped-def]
-    first, last, a_start, s_end, a_end, B, M, prm, limits, step, n_step, close, least, off, w, a0, elasticity, reserves,
-    ours, price, answers, wanted, Q, low, high, excitation, shortfall, state,
+    first, last, a_start, s_end, a_end, B, M, prm, limits, step, n_step, close, cap, least, off, w, a0, elasticity,
+    reserves, ours, price, answers, wanted, Q, low, high, top, excitation, shortfall, state,
 ):  # fmt: skip
     """Share with `settle`, and find the excitations; _OPEN where the allocation is no routine one."""
     n = B.shape[2]
@@ -404,8 +406,9 @@ def _share(  # type: ignore[no-untyped-def]
             act, deact, smooth = prm[b, m, 0], prm[b, m, 1], prm[b, m, 2]
             low[b, m] = advance_one(a_start[b, m], limits[b, m, 0], act, deact, smooth, step, n_step)
             high[b, m] = advance_one(a_start[b, m], limits[b, m, 1], act, deact, smooth, step, n_step)
-            lb[m] = min(max(low[b, m], least[b, m]), high[b, m])
-            ub[m] = lb[m] if off[b, m] else high[b, m]
+            top[b, m] = max(low[b, m], min(high[b, m], cap[b, m]))
+            lb[m] = min(max(low[b, m], least[b, m]), top[b, m])
+            ub[m] = lb[m] if off[b, m] else top[b, m]
         if not ours:
             continue
         routine = settle(

@@ -120,7 +120,7 @@ def correct_forces(
     if not state.all():
         trial = Trial(
             start, ahead.excitation, ahead.reserve, x, ahead.missing, found.M, B, gain, bias, found.D, K,
-            ahead.kp, ahead.kv, ahead.step, ahead.n_step, end_time,
+            ahead.kp, ahead.kv, ahead.step, ahead.n_step, np.broadcast_to(np.inf, gain.shape), end_time,
         )  # fmt: skip
         program = Program(answers, wanted, Q, low, high)
         open_, cost = np.flatnonzero(state != _SETTLED), (w, a0, price) if ours else None

@@ -10,7 +10,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mjhcmc.lockstep import Linearization
+from mjhcmc.linearization import Linearization
+from mjhcmc.clamps import activation_cap
 from mjhcmc.methods.correction import Correction, Reach, Trial, correct
 from mjhcmc.methods.record import diverged, padded
 from mjhcmc.methods.run import Team
@@ -101,6 +102,8 @@ class HcmcDriver:
         self._missable = share * np.maximum(rms, _OF_OTHERS * others)
         self._M, self._B, self._K = np.empty((b, nz, nz)), np.empty((b, nz, n)), np.empty((b, nz, nz))
         self._qacc_at, self._before, self._price = np.empty((b, nz)), np.empty((b, n)), np.zeros((b, nz))
+        limit = np.stack([m.force_limit for m in models])
+        self._limit = limit if np.isfinite(limit).any() else None
         self._gain = np.full(b, float(settings.gain))
 
     def _references(self, references: Sequence[Reference]) -> tuple[Array, Array, Array]:
@@ -316,7 +319,7 @@ class HcmcDriver:
         trial = Trial(
             here.activation, team.excitation[at], self._space.of(team.reserve[at]),
             np.ascontiguousarray(ends[:, self._layout.activation]), missing, found.M, found.B, found.gain, found.bias,
-            found.D, self._K[at], here.kp, here.kv, step, n_step,
+            found.D, self._K[at], here.kp, here.kv, step, n_step, self._cap(at, found),
             ends[:, self._layout.time],
         )  # fmt: skip
         reach, sharing, price = self._reach, self._sharing, self._price[at]
@@ -327,6 +330,12 @@ class HcmcDriver:
         )
         self._price[at] = price
         self._take(here.k, here.ids, at, correction, (missing, found.B, found.D))
+
+    def _cap(self, at: Index, found: Linearization) -> Array:
+        """(b, n_muscle) activation from which on a forcerange lets a muscle pull no more."""
+        if self._limit is None:
+            return np.broadcast_to(np.inf, found.gain.shape)
+        return activation_cap(self._limit[at], found.gain, found.bias)
 
     def _take(self, k: int, ids: Ids, at: Index, correction: Correction, seen: tuple[Array, ...]) -> None:
         """Put a correction into the team, which followed from what was seen, (b, ...) each."""

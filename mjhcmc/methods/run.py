@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc import dynamics
+from mjhcmc.clamps import activation_cap
 from mjhcmc.errors import DivergedError, MjhcmcWarning, SimulationError
 from mjhcmc.lockstep import Lockstep, Plants
 from mjhcmc.log import get_logger
@@ -301,6 +302,7 @@ def static_start(windows: Windows, *, reserves: bool) -> tuple[State, Inputs]:
     plant.forward()
     needed = needs(windows, start.qpos, windows.reference.qacc[0], steady=True)
     low, high = model.excitation_range.T
+    high = np.maximum(low, np.minimum(high, activation_cap(model.force_limit, needed.moments.gain, needed.moments.bias)))
     price = reserve_price(needed.M, reserves=reserves)
     found = sharing.allocate(sharing.problem(needed.moments, needed.Q, low, high, price, None, start.time))
     activation = plant.steady_activation(found.activation)

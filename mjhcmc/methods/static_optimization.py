@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc.allocation import Allocation
+from mjhcmc.clamps import activation_cap
 from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.external_loads import ExternalLoads
 from mjhcmc.joint_moments import JointMoments
