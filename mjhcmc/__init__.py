@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from mjhcmc.emg import Emg
     from mjhcmc.emg_comparison import EmgComparison, compare_emg
     from mjhcmc.emg_targets import EmgTargets
-    from mjhcmc.external_loads import ExternalLoads
     from mjhcmc.errors import (
         DivergedError,
         MjhcmcError,
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
         SettingsError,
         SimulationError,
     )
+    from mjhcmc.external_loads import ExternalLoads
     from mjhcmc.hosted.plant import HillPlant
     from mjhcmc.io.export import export_opensim
     from mjhcmc.joint_moments import JointMoments

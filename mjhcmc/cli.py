@@ -36,6 +36,7 @@ from mjhcmc.cli_support import (
 )
 from mjhcmc.errors import MjhcmcError, MjhcmcWarning
 
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="mjhcmc")
 def cli() -> None:

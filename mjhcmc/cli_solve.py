@@ -196,7 +196,7 @@ def _subject(model: str | None, osim: Path | None, side: str, *, moving_knee: bo
         raise SettingsError(f"--side {side!r}: choose right or left")
     if osim is None or model is not None:
         if moving_knee or side != "right":
-            raise SettingsError("--side and --moving-knee are for the leg that --osim makes: give --osim and no --model")
+            raise SettingsError("--side and --moving-knee are of the leg that --osim makes: give --osim, no --model")
         return None
     from mjhcmc.leg8 import leg8_from_osim
 

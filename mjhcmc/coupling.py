@@ -100,8 +100,8 @@ class Coupling:
                 break
         if left > _NO_SOLUTION:
             raise MotionError(
-                f"the equality constraints cannot be met at this position (they miss by {left:.3g}): change the motion, "
-                "or the constraints where they contradict each other"
+                f"the equality constraints cannot be met at this position (they miss by {left:.3g}): change the "
+                "motion, or the constraints where they contradict each other"
             )
         return found
 

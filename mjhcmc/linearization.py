@@ -1,4 +1,4 @@
-"""What is seen of simulations in lock step: where in a row what stands, what forces do around it, derived quantities."""
+"""What is seen of simulations in lock step: where in a row what stands, what forces do around it."""
 
 from __future__ import annotations
 

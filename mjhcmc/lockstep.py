@@ -261,12 +261,10 @@ class Lockstep:
         """(b,) which simulations a joint's limit or a contact holds, or nearly so."""
         columns, limits = self._limits
         q = rows[:, columns]
-        found: NDArray[np.bool_] = ((q < limits[:, 0] + NEAR) | (q > limits[:, 1] - NEAR)).any(axis=1)
-        return found | (n_contact > 0)
+        at_limit = (q < limits[:, 0] + NEAR) | (q > limits[:, 1] - NEAR)
+        return np.asarray(at_limit.any(axis=1) | (n_contact > 0))
 
-    def _hold(
-        self, ids: Ids, rows: Array, n_contact: NDArray[np.int32], M: Array, D: Array, K: Array | None
-    ) -> None:
+    def _hold(self, ids: Ids, rows: Array, n_contact: NDArray[np.int32], M: Array, D: Array, K: Array | None) -> None:
         """Add what contacts (and limits with them) do to M, D and K of simulations that they hold.
 
         Limits alone are left out: joints come off them again as soon as muscles move them.
@@ -374,6 +372,3 @@ class Lockstep:
 
     def _seen(self, batch: Batch) -> Kinematics:
         return self._kinematics[id(batch)]
-
-
-

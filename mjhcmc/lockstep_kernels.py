@@ -132,8 +132,8 @@ def put_beside(probe, ids, start, activation, q0, v0, change, qpos):  # type: ig
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def read_beside(  # type: ignore[no-untyped-def]
     start, ids, activation, packed, rownnz, rowadr, colind, moment, m_rownnz, m_rowadr, m_colind, rows, force, length,
-    velocity, beside_force, beside_length, beside_velocity, qvel, damping, damping_poly, stiff, stiffness, qacc, all_qacc,
-    M, B, gain, bias, D, K,
+    velocity, beside_force, beside_length, beside_velocity, qvel, damping, damping_poly, stiff, stiffness, qacc,
+    all_qacc, M, B, gain, bias, D, K,
 ):  # fmt: skip
     """Fill what states beside those of the simulations ids tell, see `lockstep.Linearization`.
 

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.assets import model_names, model_path
-from mjhcmc.errors import MjhcmcWarning, ModelError, MotionError
-from mjhcmc.log import get_logger
 from mjhcmc.coordinates import Coordinates
 from mjhcmc.coupling import Coupling
+from mjhcmc.errors import MjhcmcWarning, ModelError, MotionError
+from mjhcmc.log import get_logger
 from mjhcmc.model_problems import (
     coordinate_names_of,
     dof_is_rotation_of,
@@ -103,9 +103,7 @@ class MuscleModel:
         m = self.mj_model
         kinds = {int(mujoco.mjtJoint.mjJNT_BALL): 0, int(mujoco.mjtJoint.mjJNT_FREE): 3}
         return tuple(
-            int(at) + kinds[int(kind)]
-            for at, kind in zip(m.jnt_qposadr, m.jnt_type, strict=True)
-            if int(kind) in kinds
+            int(at) + kinds[int(kind)] for at, kind in zip(m.jnt_qposadr, m.jnt_type, strict=True) if int(kind) in kinds
         )
 
     @cached_property

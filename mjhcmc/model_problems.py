@@ -74,7 +74,12 @@ def joint_type(m: Any, j: int) -> str:
 
 _COORDINATES = {"hinge": ("",), "slide": ("",), "ball": ("_qw", "_qx", "_qy", "_qz")}
 _COORDINATES["free"] = ("_tx", "_ty", "_tz", *_COORDINATES["ball"])
-_DOFS = {"hinge": ("",), "slide": ("",), "ball": ("_rx", "_ry", "_rz"), "free": ("_tx", "_ty", "_tz", "_rx", "_ry", "_rz")}
+_DOFS = {
+    "hinge": ("",),
+    "slide": ("",),
+    "ball": ("_rx", "_ry", "_rz"),
+    "free": ("_tx", "_ty", "_tz", "_rx", "_ry", "_rz"),
+}
 
 
 def coordinate_names_of(m: Any) -> list[tuple[str, str]]:

@@ -185,6 +185,7 @@ class Motion:
 
     @cached_property
     def spline(self) -> Any:
+        """The interpolating spline of the rows, quaternions by component."""
         from scipy.interpolate import make_interp_spline
 
         return make_interp_spline(self.time, self.qpos, k=5 if len(self.time) >= 6 else 3)

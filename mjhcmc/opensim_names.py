@@ -9,6 +9,9 @@ from typing import Any
 
 from mjhcmc.errors import ModelError
 
+BODIES_TEXT = "opensim_bodies"
+"""Name of the MJCF custom text that tells which body stands for each of OpenSim's: ``calcn_r=foot toes_r=foot``."""
+
 PATHS_TEXT = "opensim_paths"
 """Name of the MJCF ``<custom><text>`` with each joint's coordinate in OpenSim, ``joint=/jointset/joint/coordinate``."""
 

@@ -229,7 +229,8 @@ class MujocoPlant:
     def gain_and_bias(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Muscle force as gain a + bias, each (n_muscle,) N, pulling positive, at the plant's last `forward`.
 
-        That of muscles that no forcerange clamps. Leaves the derived actuator forces at activation 0; the plant's state is unchanged.
+        That of muscles that no forcerange clamps. Leaves the derived actuator forces at activation 0; the plant's
+        state is unchanged.
         """
         m, d, index = self.mj_model, self.mj_data, self.model.act_index
         rows = m.actuator_outadr[self.model.muscle_ids]

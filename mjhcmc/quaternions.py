@@ -71,7 +71,7 @@ def turning(q: Array, rate: Array, second: Array, starts: Sequence[int]) -> tupl
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _turn(q, rate, second, first, v, a, at):  # type: ignore[no-untyped-def]
-    """Fill angular velocity and acceleration from column ``at`` on, and make q's quaternion at ``first`` unit length."""
+    """Fill angular velocity and acceleration from column ``at`` on; make q's quaternion at ``first`` unit length."""
     turn, half = np.empty(4), np.empty(4)
     for k in range(q.shape[0]):
         Q = q[k, first : first + 4]

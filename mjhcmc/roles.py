@@ -146,7 +146,7 @@ def moved_by_muscles(m: Any, muscles: NDArray[np.intp], dependent: Sequence[int]
 
 def _together(m: Any, dependent: Sequence[int]) -> NDArray[np.intp]:
     """(nv,) a number for the tree of each degree of freedom, one for trees that equalities tie to each other."""
-    trees = m.dof_treeid.astype(np.intp)
+    trees: NDArray[np.intp] = m.dof_treeid.astype(np.intp)
     if len(dependent):
         for row in equality_jacobian(*_at_reference(m)):
             tied = np.unique(trees[np.abs(row) > 0])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mjhcmc.coordinate_names import NamedCoordinates
 from mjhcmc.errors import OutputError, SimulationError
 from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State
 from mjhcmc.surroundings import Surroundings
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 RESERVE_SHARE = 1e-3
 """A window is flagged where a reserve exceeds this share of the joint's peak net moment."""
 
+_ROLES = ("tracked", "dependent", "prescribed", "free")  # see `roles.Role`
 _NO_MOMENT = 1e-3  # N m or N: a joint that carries less carries nothing worth a reserve's share
 
 
@@ -118,6 +120,7 @@ class Solution:
             that does not hold it.
         fiber_length: (N+1, n_muscle) m, of Hill muscles with compliant tendons; None of others.
         muscles: the Hill muscles that drove the model; None where MuJoCo's own did, or a file does not tell which.
+        coordinate_names: (nq,) see `MuscleModel.joint_names`. Left out: the model's, or those of the degrees of freedom.
     """
 
     time: NDArray[np.float64]
@@ -144,6 +147,7 @@ class Solution:
     fiber_length: NDArray[np.float64] | None = None
     residual: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     muscles: HostedMuscles | None = field(default=None, repr=False, compare=False)
+    coordinate_names: tuple[str, ...] = ()
 
     @property
     def n_window(self) -> int:
@@ -169,6 +173,17 @@ class Solution:
     def is_root(self) -> NDArray[np.bool_]:
         """(nv,) True at the root, where reserves are residuals."""
         return np.isin(self.dof_names, self.settings.get("root") or [])
+
+    @property
+    def may_have_residual(self) -> NDArray[np.bool_]:
+        """(nv,) True where a residual can be: what is prescribed, and what is tracked at the root."""
+        roles = np.array(self.roles)
+        return np.asarray((roles == "prescribed") | ((roles == "tracked") & self.is_root))
+
+    @cached_property
+    def named_coordinates(self) -> NamedCoordinates:
+        """Which coordinates belong to which degrees of freedom."""
+        return NamedCoordinates(self.coordinate_names, self.dof_names)
 
     @property
     def knows_surroundings(self) -> bool:
@@ -257,14 +272,17 @@ class Solution:
         """Read a solution that `save` wrote.
 
         A .csv holds no settings and no verdict: its verdict is judged from the table, without replay unless there is a
-        model, and without one every joint is taken for a hinge.
+        model, and without one every joint is taken for a hinge. Loads from outside, and the motion that prescribed
+        joints followed, are functions of time that no file holds: where there were some, the verdict stays the one that
+        was saved, and joint reactions are not known.
 
         Args:
             path: the file.
             model: the model that was driven, or what `MuscleModel.load` takes; needed for `detail` and a replay only.
 
         Raises:
-            OutputError: the file cannot be read, is no solution, or its muscles or joints are not the model's.
+            OutputError: the file cannot be read, is no solution, or its muscles, coordinates, degrees of freedom or
+                equality constraints are not the model's.
             ModelError: the model cannot be loaded.
         """
         from mjhcmc.io.tables import load_solution
@@ -275,6 +293,8 @@ class Solution:
         """One row a node: time, then q/, q_desired/, qvel/, excitation/, activation/, force/, moment/ ..., status.
 
         SI units and radians; columns of a window (excitation, reserve, shortfall, status) are empty in the last row.
+        Columns q/ and q_desired/ are named by `coordinate_names`; there are residual/ columns only for degrees of
+        freedom that can have one (prescribed, or tracked at the root).
 
         Args:
             detail: add `detail`: fiber_length/<muscle> (m), fiber_velocity/<muscle> (m/s), power/<muscle> (W),
@@ -298,8 +318,11 @@ class Solution:
         """Check that the arrays fit together, and make them read-only."""
         if not self.residual.size:
             object.__setattr__(self, "residual", np.zeros_like(self.net_joint_moment))
+        if not self.coordinate_names:
+            names = self.dof_names if self.model is None else self.model.joint_names
+            object.__setattr__(self, "coordinate_names", names)
         n, m, v = len(self.time) - 1, len(self.muscle_names), len(self.dof_names)
-        nq = self.qpos.shape[-1]
+        nq = len(self.coordinate_names)
         shapes = {
             "qpos": (n + 1, nq),
             "qpos_desired": (n + 1, nq),
@@ -319,6 +342,8 @@ class Solution:
         }
         if self.fiber_length is not None:
             shapes["fiber_length"] = (n + 1, m)
+        if len(self.roles) != v or not set(self.roles) <= set(_ROLES):
+            raise OutputError(f"solution: roles are {self.roles}, expected {v} of {', '.join(_ROLES)}")
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise OutputError(f"solution: {name} has shape {getattr(self, name).shape}, expected {shape}")

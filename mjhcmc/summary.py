@@ -21,8 +21,8 @@ def numbers(solution: Solution) -> dict[str, Any]:
     ``rmse_deg`` (root of the mean square over the N+1 nodes), ``mse_deg2`` (the mean square), ``peak_moment_nm``,
     ``peak_reserve_nm``, ``replay_max_error_deg`` (None where the solution does not know its model),
     ``peak_external_load_nm`` (None where nothing acts from outside; where joint moments were given, it is what they
-    imply), ``peak_residual_nm`` (only where there is one); ``peak_excitation`` by muscle; ``verdict`` with ``passed`` and
-    ``findings``.
+    imply), ``peak_residual_nm`` (only where there is one); ``peak_excitation`` by muscle; ``verdict`` with ``passed``
+    and ``findings``.
     """
     verdict, scale = solution.verdict, _scale(solution)
     joints = solution.dof_names
@@ -85,7 +85,8 @@ def role_lines(solution: Solution) -> list[str]:
     tied = [j for j, role in enumerate(solution.roles) if role == "dependent"]
     if tied:
         words = [
-            f"{solution.dof_names[j]} {scale[j] * off[j]:.2g} {'deg' if solution.dof_is_rotation[j] else 'm'}" for j in tied
+            f"{solution.dof_names[j]} {scale[j] * off[j]:.2g} {'deg' if solution.dof_is_rotation[j] else 'm'}"
+            for j in tied
         ]
         lines.append(f"tied     largest departure of joints that follow others: {_some(words, off[tied])}")
     free = [name for name, role in zip(solution.dof_names, solution.roles, strict=True) if role == "free"]
@@ -107,7 +108,11 @@ def load_lines(solution: Solution) -> list[str]:
         borne = [j for j in range(len(load)) if load[j] > 0]
         words = [
             f"{solution.dof_names[j]} {load[j]:.3g} {_moment_unit(solution, j)}"
-            + (f" ({100 * load[j] / moment[j]:.3g} % of the net joint moment's peak)" if given and moment[j] > 0 else "")
+            + (
+                f" ({100 * load[j] / moment[j]:.3g} % of the net joint moment's peak)"
+                if given and moment[j] > 0
+                else ""
+            )
             for j in borne
         ]
         source = f", implied by {given}" if given else ""

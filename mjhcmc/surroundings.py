@@ -108,9 +108,7 @@ class Outside:
         columns: of the state rows.
     """
 
-    def __init__(
-        self, models: Sequence[MuscleModel], surroundings: Sequence[Surroundings], columns: Columns
-    ) -> None:
+    def __init__(self, models: Sequence[MuscleModel], surroundings: Sequence[Surroundings], columns: Columns) -> None:
         self._surroundings, self._columns = surroundings, columns
         first = models[0]
         m = first.mj_model

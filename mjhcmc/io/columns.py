@@ -148,9 +148,7 @@ def match_columns(table: MotionTable, model: JointModel, given: dict[str, str]) 
     return found, [at for at, _ in pairs], np.array([sign for _, sign in pairs])
 
 
-def _column_of(
-    table: MotionTable, model: JointModel, joint: str, given: dict[str, str]
-) -> tuple[int, float] | None:
+def _column_of(table: MotionTable, model: JointModel, joint: str, given: dict[str, str]) -> tuple[int, float] | None:
     for name in _names_of(model, joint, given):
         at = find_column(table, name.removeprefix("-"))
         if at is not None:
@@ -162,8 +160,8 @@ def _no_column(table: MotionTable, model: JointModel, joint: str, given: dict[st
     columns = f"its columns are {listed(table.columns)}"
     if joint in given:
         return MotionError(
-            f"{table.path}: no column {given[joint].removeprefix('-')!r}, which the column map names for joint {joint}; "
-            f"{columns}: name one of them"
+            f"{table.path}: no column {given[joint].removeprefix('-')!r}, which the column map names for joint "
+            f"{joint}; {columns}: name one of them"
         )
     looked_for = [name.removeprefix("-") for name in _names_of(model, joint, given)]
     looked_for.remove(SOLUTION_PREFIX + joint)

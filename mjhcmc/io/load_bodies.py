@@ -18,9 +18,7 @@ from mjhcmc.io.opensim_loads import bare_name, read_body_names
 
 if TYPE_CHECKING:
     from mjhcmc.model import MuscleModel
-
-BODIES_TEXT = "opensim_bodies"
-"""Name of the MJCF ``<custom><text>`` with the model's body for each of OpenSim's, ``calcn_r=foot toes_r=foot``."""
+from mjhcmc.opensim_names import BODIES_TEXT
 
 _GROUND_NAMES = ("", "ground", "world")
 

@@ -1,4 +1,4 @@
-"""Inverse kinematics: joint angles from markers (.trc) that follow sites of the model.
+"""Inverse kinematics: joint angles from markers (.trc, .c3d) that follow sites of the model.
 
 The model's root is fixed to the world, the markers stand in the laboratory's frame. In each frame f the joint angles
 q and a rigid transform (R, p) from the laboratory to the model minimise
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from mjhcmc.errors import ModelError, MotionError
 from mjhcmc.io.columns import listed
 from mjhcmc.io.rows import JointRows, crop, rows_of_motion, span
-from mjhcmc.io.trc import MarkerTable, read_trc
+from mjhcmc.io.trc import MarkerTable, read_markers
 from mjhcmc.joints import JointModel
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ def marker_rows(
     """Joint angles from a marker file.
 
     Args:
-        path: the .trc file.
+        path: the .trc or .c3d file.
         model: a MuscleModel; a marker is matched with the site of its name (without a subject's name and colon in
             front, where that leaves one).
         site_map: site to marker, where names differ.
@@ -75,7 +75,7 @@ def marker_rows(
     m = getattr(model, "mj_model", None)
     if m is None:
         raise ModelError(f"model {model.name}: markers need its sites: give a MuscleModel")
-    table = read_trc(path)
+    table = read_markers(path)
     sites, used = _match(table, model, m, site_map)
     names = [table.names[i] for i in used]
     fit = _Fit(model, m, sites)
@@ -93,7 +93,8 @@ def marker_rows(
         if why := wanting[seen[row].tobytes()]:
             unseen = [name for name, there in zip(names, seen[row], strict=True) if not there]
             raise MotionError(
-                f"{path}, line {table.line_numbers[row]}: at {table.time[row]:.6g} s marker{'s' * (len(unseen) > 1)} "
+                f"{path}, {table.row_word} {table.line_numbers[row]}: at {table.time[row]:.6g} s "
+                f"marker{'s' * (len(unseen) > 1)} "
                 f"{listed(unseen)} not seen: {why}, or fill the gap, or crop it away with start and end"
             )
     sound = np.array([wanting[row.tobytes()] is None for row in seen])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from mjhcmc.errors import MotionError
 from mjhcmc.io.columns import listed
+from mjhcmc.io.xml import NoDoctype
 
 _NONE = ("", "unassigned")  # in small letters: how OpenSim writes that a text is not given
 _YES, _NO = ("true", "1"), ("false", "0")
@@ -98,13 +99,6 @@ def bare_name(name: str) -> str:
     return name.rstrip("/").rpartition("/")[2]
 
 
-class _NoDoctype(ET.TreeBuilder):
-    """Refuses document type declarations: only they can define entities, which may unfold without end."""
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise ValueError("declares a document type")
-
-
 def _root(path: Path, what: str) -> ET.Element:
     try:
         raw = path.read_bytes()
@@ -117,7 +111,7 @@ def _root(path: Path, what: str) -> ET.Element:
     if not raw.strip():
         raise MotionError(f"{path}: the file is empty: write it again")
     try:
-        return ET.fromstring(raw, parser=ET.XMLParser(target=_NoDoctype()))
+        return ET.fromstring(raw, parser=ET.XMLParser(target=NoDoctype()))
     except ET.ParseError as error:
         line, column = error.position
         why = str(error).partition(":")[0]

@@ -17,16 +17,9 @@ from mjhcmc.io.osim_functions import (
     Scaled,
     UnknownFunction,
 )
+from mjhcmc.io.xml import NoDoctype
 
 _SPLINES = ("SimmSpline", "NaturalCubicSpline", "natCubicSpline")
-
-
-class _NoDoctype(ET.TreeBuilder):
-    """Refuses document types, through which entities could swell a small file beyond all memory."""
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Called where the document declares a type."""
-        raise ValueError("it declares a document type, which OpenSim never writes")
 
 
 def parse_document(path: Path) -> tuple[ET.Element, int]:
@@ -45,7 +38,7 @@ def parse_document(path: Path) -> tuple[ET.Element, int]:
     except OSError as error:
         raise ModelError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
     try:
-        parser = ET.XMLParser(target=_NoDoctype())
+        parser = ET.XMLParser(target=NoDoctype())
         parser.feed(raw)
         root: ET.Element = parser.close()
     except (ET.ParseError, ValueError, LookupError) as error:  # LookupError: an encoding that nobody knows

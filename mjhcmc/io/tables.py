@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +18,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from mjhcmc.hosted.muscles import HostedMuscles
     from mjhcmc.model import MuscleModel
 
 SUFFIXES = (".parquet", ".csv", ".sto", ".nc")
@@ -28,6 +25,7 @@ SUFFIXES = (".parquet", ".csv", ".sto", ".nc")
 _log = get_logger(__name__)
 
 _EXTERNAL = "external"  # prefix of columns that are there only where a load acted from outside
+_RESIDUAL = "residual"  # prefix of columns that are there only of degrees of freedom that can have one
 _HOSTED = "hill_muscles"  # a column of ones where Hill muscles drove the model: a .csv has no other place for it
 _FIBER = "fiber"  # prefix of columns that are there only of Hill muscles with compliant tendons
 _META = "mjhcmc"  # key of the metadata in a file
@@ -40,10 +38,10 @@ _STATUS_NOTE = {
     "metadata": None,
 }
 
-# column prefix: (attribute, one label a muscle or a dof, one row a node or a window)
+# column prefix: (attribute, one label a muscle, coordinate or dof, one row a node or a window)
 _COLUMNS = {
-    "q": ("qpos", "dof", "node"),
-    "q_desired": ("qpos_desired", "dof", "node"),
+    "q": ("qpos", "coordinate", "node"),
+    "q_desired": ("qpos_desired", "coordinate", "node"),
     "qvel": ("qvel", "dof", "node"),
     "excitation": ("excitation", "muscle", "window"),
     "activation": ("activation", "muscle", "node"),
@@ -66,8 +64,11 @@ def to_dataframe(solution: Solution, detail: bool = False) -> pd.DataFrame:
 
 def _detail_columns(solution: Solution) -> dict[str, NDArray[np.float64]]:
     """The columns that ``detail=True`` adds."""
+    from mjhcmc.model_problems import joint_names_of
+
     found, muscles, dofs = solution.detail, solution.muscle_names, solution.dof_names
-    data = {}
+    assert solution.model is not None  # its detail is known
+    joints, data = joint_names_of(solution.model.mj_model), {}
     for prefix, values in (
         ("fiber_length", found.fiber_length),
         ("fiber_velocity", found.fiber_velocity),
@@ -80,7 +81,7 @@ def _detail_columns(solution: Solution) -> dict[str, NDArray[np.float64]]:
         ("reaction_force", found.joint_reaction_force),
         ("reaction_moment", found.joint_reaction_moment),
     ):
-        for j, joint in enumerate(dofs):  # hinges and slides: a joint has its degree of freedom's name
+        for j, joint in enumerate(joints):
             data.update({f"{prefix}/{joint}/{axis}": values[:, j, i] for i, axis in enumerate("xyz")})
     return data
 
@@ -92,16 +93,25 @@ def _table(solution: Solution) -> dict[str, NDArray[np.float64]]:
         values = getattr(solution, attribute)
         if rows == "window":
             values = np.vstack([values, np.full((1, values.shape[1]), np.nan)])
-        names = solution.muscle_names if labels == "muscle" else solution.dof_names
-        data.update({f"{prefix}/{name}": values[:, i] for i, name in enumerate(names)})
+        data.update({f"{prefix}/{name}": values[:, i] for i, name in enumerate(_names(solution, labels))})
     if solution.external_load.any():
         data.update({f"{_EXTERNAL}/{name}": solution.external_load[:, i] for i, name in enumerate(solution.dof_names)})
+    for i in np.flatnonzero(solution.may_have_residual):
+        data[f"{_RESIDUAL}/{solution.dof_names[i]}"] = solution.residual[:, i]
     if solution.hosted:
         data[_HOSTED] = np.ones(len(solution.time))
     if solution.fiber_length is not None:
         data.update({f"{_FIBER}/{name}": solution.fiber_length[:, i] for i, name in enumerate(solution.muscle_names)})
     data["status"] = np.append(solution.status.astype(np.float64), np.nan)
     return data
+
+
+def _names(solution: Solution, labels: str) -> tuple[str, ...]:
+    return {
+        "muscle": solution.muscle_names,
+        "coordinate": solution.coordinate_names,
+        "dof": solution.dof_names,
+    }[labels]
 
 
 def to_xarray(solution: Solution) -> xr.Dataset:
@@ -112,10 +122,14 @@ def to_xarray(solution: Solution) -> xr.Dataset:
         raise OutputError("xarray is not installed: pip install 'mjhcmc[netcdf]'") from error
 
     variables: dict[str, Any] = {"status": ("window", solution.status)}
+    alike = solution.coordinate_names == solution.dof_names  # then one dimension does for both
     for attribute, labels, rows in _COLUMNS.values():
-        variables[attribute] = ((rows, labels), getattr(solution, attribute))
+        over = "dof" if alike and labels == "coordinate" else labels
+        variables[attribute] = ((rows, over), getattr(solution, attribute))
     if solution.external_load.any():
         variables["external_load"] = (("node", "dof"), solution.external_load)
+    if solution.may_have_residual.any():
+        variables["residual"] = (("node", "dof"), solution.residual)
     if solution.fiber_length is not None:
         variables["fiber_length"] = (("node", "muscle"), solution.fiber_length)
     variables["dof_is_rotation"] = ("dof", solution.dof_is_rotation)
@@ -124,6 +138,8 @@ def to_xarray(solution: Solution) -> xr.Dataset:
         "muscle": ("muscle", list(solution.muscle_names)),
         "dof": ("dof", list(solution.dof_names)),
     }
+    if not alike:
+        coordinates["coordinate"] = ("coordinate", list(solution.coordinate_names))
     return xr.Dataset(variables, coordinates)
 
 
@@ -166,43 +182,16 @@ def _save(solution: Solution, path: Path) -> None:
 
 def load_solution(path: Path, model: MuscleModel | str | Path | None = None) -> Solution:
     """See `Solution.load`."""
+    from mjhcmc.io.with_model import with_model
     from mjhcmc.model import MuscleModel
 
     known = None if model is None else MuscleModel.load(model)
     solution = _load(path)
     if known is not None:
-        solution = _with_model(solution, known, path)
+        solution = with_model(solution, known, path)
     _log.info("solution read: %s, %d rows, %d muscles", path, len(solution.time), len(solution.muscle_names))
     _log.debug("settings of the solution in %s: %s", path, solution.settings)
     return solution
-
-
-def _with_model(solution: Solution, model: MuscleModel, path: Path) -> Solution:
-    for what, found, expected in (
-        ("muscle", solution.muscle_names, model.muscle_names),
-        ("joint", solution.dof_names, model.dof_names),
-    ):
-        for i, (own, other) in enumerate(zip_longest(found, expected)):
-            if own != other:
-                raise OutputError(
-                    f"{path}: {what} {i + 1} is {_quoted(own)} in the file and {_quoted(other)} in model "
-                    f"{model.name!r}: give the model that was driven ({solution.settings.get('model', 'not recorded')})"
-                )
-    return replace(solution, model=model, dof_is_rotation=model.joint_is_rotation, muscles=_muscles(solution, model))
-
-
-def _muscles(solution: Solution, model: MuscleModel) -> HostedMuscles | None:
-    """The Hill muscles that drove a solution, where its settings name them."""
-    named = solution.settings.get("muscles")
-    if not isinstance(named, dict) or not named.get("named"):
-        return None
-    from mjhcmc.hosted.muscles import hosted_muscles
-
-    return hosted_muscles(model, named["curves"], named["tendon"])
-
-
-def _quoted(name: str | None) -> str:
-    return "missing" if name is None else repr(name)
 
 
 def _load(path: Path) -> Solution:
@@ -277,13 +266,29 @@ def _from_columns(columns: dict[str, NDArray[np.float64]], meta: dict[str, Any])
     dofs = tuple(labels["moment"])
     if any(column.startswith(f"{_EXTERNAL}/") for column in columns):
         arrays["external_load"] = np.column_stack([columns[f"{_EXTERNAL}/{dof}"] for dof in dofs])
-    if _HOSTED in columns and "settings" not in meta:
+    if any(column.startswith(f"{_RESIDUAL}/") for column in columns):
+        none = np.zeros(len(columns["time"]))
+        arrays["residual"] = np.column_stack([columns.get(f"{_RESIDUAL}/{dof}", none) for dof in dofs])
+    if "settings" not in meta:
         dt = float(columns["time"][-1] - columns["time"][0]) / max(1, len(columns["time"]) - 1)
-        meta = {**meta, "settings": {"dt": dt, "muscles": {"named": False}}}
+        hosted = {"muscles": {"named": False}} if _HOSTED in columns else {}
+        meta = {**meta, "settings": {"dt": dt, **hosted, **_roles_from(columns, dofs)}}
     muscles = tuple(labels["activation"])
     if any(column.startswith(f"{_FIBER}/") for column in columns):
         arrays["fiber_length"] = np.column_stack([columns[f"{_FIBER}/{muscle}"] for muscle in muscles])
-    return _assemble(arrays, columns["time"], columns["status"][:-1], muscles, dofs, meta)
+    return _assemble(arrays, columns["time"], columns["status"][:-1], muscles, tuple(labels["q"]), dofs, meta)
+
+
+def _roles_from(columns: dict[str, NDArray[np.float64]], dofs: tuple[str, ...]) -> dict[str, Any]:
+    """Roles, as settings, of a table that holds none (a .csv): a residual without reserve is of what is prescribed."""
+    roles, root = ["tracked"] * len(dofs), []
+    for i, dof in enumerate(dofs):
+        if f"{_RESIDUAL}/{dof}" in columns:
+            if np.nan_to_num(columns[f"reserve/{dof}"]).any():
+                root.append(dof)
+            else:
+                roles[i] = "prescribed"
+    return {name: value for name, value in (("roles", roles), ("root", root)) if set(value) - {"tracked"}}
 
 
 def _from_netcdf(path: Path) -> Solution:
@@ -294,16 +299,19 @@ def _from_netcdf(path: Path) -> Solution:
     with xr.open_dataset(path, engine="scipy", mmap=False) as data:
         data.load()
     arrays = {attribute: data[attribute].to_numpy() for attribute, _, _ in _COLUMNS.values()}
-    if "external_load" in data:
-        arrays["external_load"] = data["external_load"].to_numpy()
-    if "fiber_length" in data:
-        arrays["fiber_length"] = data["fiber_length"].to_numpy()
-    muscles, dofs = (tuple(str(name) for name in data[key].to_numpy()) for key in ("muscle", "dof"))
+    for name in ("external_load", "residual", "fiber_length"):
+        if name in data:
+            arrays[name] = data[name].to_numpy()
+    muscles, coordinates, dofs = (
+        tuple(str(name) for name in data[key if key in data else "dof"].to_numpy())
+        for key in ("muscle", "coordinate", "dof")
+    )
     return _assemble(
         arrays,
         data["time"].to_numpy(),
         data["status"].to_numpy(),
         muscles,
+        coordinates,
         dofs,
         json.loads(data.attrs.get(_META, "{}")),
     )
@@ -314,9 +322,11 @@ def _assemble(
     time: NDArray[np.float64],
     status: NDArray[Any],
     muscle_names: tuple[str, ...],
+    coordinate_names: tuple[str, ...],
     dof_names: tuple[str, ...],
     meta: dict[str, Any],
 ) -> Solution:
+    from mjhcmc.coordinate_names import NamedCoordinates
     from mjhcmc.verify import Verdict
 
     arrays = {"external_load": np.zeros_like(arrays["net_joint_moment"]), **arrays}
@@ -328,11 +338,13 @@ def _assemble(
     if len(time) < 2:
         raise OutputError(f"{len(time)} rows: a solution has at least 2")
     rotation = meta.get("dof_is_rotation", [True] * len(dof_names))
+    difference = NamedCoordinates(coordinate_names, dof_names).difference
     return Solution(
         time=np.array(time, dtype=np.float64),
-        tracking_error=floats["qpos"] - floats["qpos_desired"],
+        tracking_error=difference(floats["qpos"], floats["qpos_desired"]),
         status=np.array(status, dtype=np.int64),
         muscle_names=muscle_names,
+        coordinate_names=coordinate_names,
         dof_names=dof_names,
         dof_is_rotation=np.array(rotation, dtype=bool),
         settings=meta.get("settings", {"dt": float(time[-1] - time[0]) / (len(time) - 1)}),

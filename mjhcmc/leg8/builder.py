@@ -26,13 +26,12 @@ from mjhcmc.leg8.geometry import Scale, Vector, compose_inertia, digits, to_worl
 from mjhcmc.leg8.knee import KNEE_SLIDES
 from mjhcmc.leg8.muscles import BODIES, add_muscles, fiber_mapping
 from mjhcmc.leg8.table import JOINTS, MUSCLES, ROOT_JOINTS, load_table
-from mjhcmc.opensim_names import MUSCLES_TEXT, PATHS_TEXT, PENNATION_TEXT
+from mjhcmc.opensim_names import BODIES_TEXT, MUSCLES_TEXT, PATHS_TEXT, PENNATION_TEXT
 
 if TYPE_CHECKING:
     import mujoco
 
 __all__ = [
-    "BODIES_TEXT",
     "COORDINATE_MAP_NAME",
     "FLEXION_AXIS",
     "SOURCE_BODY_MASS",
@@ -55,9 +54,6 @@ FLEXION_AXIS = (0.0, -1.0, 0.0)
 
 COORDINATE_MAP_NAME = "opensim_coordinates"
 """Name of the model's custom text that maps joints onto OpenSim's coordinate names."""
-
-BODIES_TEXT = "opensim_bodies"
-"""Name of the model's custom text that maps OpenSim's bodies onto the model's, ``femur_r=thigh ...``."""
 
 _ROOT_AXES = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), FLEXION_AXIS)
 # As stiff as MuJoCo lets a step of 1 ms be: a time constant of two steps, and the highest impedance from the start.

@@ -118,8 +118,8 @@ def cmc(
     """
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
-        loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
-        solver=solver, emg=emg,
+        loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation,
+        disabled=disabled, solver=solver, emg=emg,
     )  # fmt: skip
     method = _Cmc(reserves, _steps_ahead(look_ahead, windows), *_gains(kp, kv, windows.dt))
     return run(method, windows, progress)

@@ -127,8 +127,8 @@ class ForceDriver(HcmcDriver):
         team, price, sharing = self._team, self._price[at], self._sharing
         rows, path, kp, kv = trial
         ahead = Ahead(
-            ids, rows, path, team.excitation[at], self._space.of(team.reserve[at]), missing, view, kp, kv, team.physics_dt,
-            self._n_step, tried,
+            ids, rows, path, team.excitation[at], self._space.of(team.reserve[at]), missing, view, kp, kv,
+            team.physics_dt, self._n_step, tried,
         )  # fmt: skip
         correction, sound = correct_forces(
             self._plants, ahead, self._limits[at], sharing if isinstance(at, slice) else sharing.of(at), price,

@@ -122,8 +122,8 @@ def hcmc(
     """
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
-        loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
-        solver=solver, emg=emg,
+        loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation,
+        disabled=disabled, solver=solver, emg=emg,
     )  # fmt: skip
     return run(Hcmc(reserves, trials, tolerance, gain, authority), windows, progress)
 

@@ -10,8 +10,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mjhcmc.linearization import Linearization
+from mjhcmc.beside import FEW
 from mjhcmc.clamps import activation_cap
+from mjhcmc.linearization import Linearization
 from mjhcmc.methods.correction import Correction, Reach, Trial, correct
 from mjhcmc.methods.record import diverged, padded
 from mjhcmc.methods.run import Team
@@ -82,7 +83,7 @@ class HcmcDriver:
         models = [w.model for w in windows]
         self._space = models[0].coordinates
         b, n, nz = len(windows), models[0].n_muscle, self._space.nz
-        self._tied = self._space.roles.dependent
+        self._large = models[0].nv > FEW  # a look takes longer than it gains
         self._sharing = together([w.sharing for w in windows])
         self._reach = Reach(
             np.stack([m.activation_parameters for m in models]), np.stack([m.excitation_range for m in models]),
@@ -131,7 +132,7 @@ class HcmcDriver:
         final: Array | None = None
         whom: Index = slice(None)  # which of the call's simulations are corrected
         for trial in range(settings.trials):
-            if trial > 0:  # the end that was expected is not where it ended
+            if trial > 0 and not self._large:  # the end that was expected is not where it ended
                 there = self._look(k + 1, here.ids, ends, stiffness=True)
                 here = here._replace(around=there)
                 self._keep(here.at, there)
@@ -233,14 +234,14 @@ class HcmcDriver:
         either way. Where reserves help it is at least the rms of q''_d, or a motion beyond the muscles would be fed
         forward and not fed back. A joint that nothing limits keeps gain/h.
         """
-        layout, settings, h, space = self._layout, self._settings, self._ahead, self._space
+        layout, gain, h, space = self._layout, self._gain[at], self._ahead, self._space
         qacc, q, v = self._qacc_at[at], rows[:, layout.qpos], space.of(rows[:, layout.qvel])
         kp, kv, goal, way, speed = (np.empty_like(qacc) for _ in range(5))
         ahead = space.difference(self._goal_qpos[k, at], q)
         _fill_aim(
             self._M[at], self._B[at], space.of(space.difference(self._qpos[k, at], q)), space.of(self._qvel[k, at]),
             space.of(ahead), space.of(self._goal_qvel[k, at]), space.of(self._goal_qacc[k, at]), v, qacc,
-            self._least_authority[at], self._authority, self._gain[at], h, kp, kv, goal, way, speed,
+            self._least_authority[at], self._authority, gain, h, kp, kv, goal, way, speed,
         )  # fmt: skip
         expected = rows.copy()
         if not space.all_tracked:
@@ -251,9 +252,7 @@ class HcmcDriver:
         expected[:, layout.activation] = np.clip(2 * activation - self._before[at], 0.0, 1.0)
         return kp, kv, goal, expected
 
-    def _whole(
-        self, k: int, at: Index, rows: Array, ahead: Array, way: Array, speed: Array
-    ) -> tuple[Array, Array]:
+    def _whole(self, k: int, at: Index, rows: Array, ahead: Array, way: Array, speed: Array) -> tuple[Array, Array]:
         """Way and velocity (b, nv) of all degrees of freedom over window k, from those of the tracked ones.
 
         What is prescribed goes with the motion, what is tied with it and with how far the tracked are off it, what is

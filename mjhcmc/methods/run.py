@@ -22,7 +22,7 @@ from mjhcmc.log import get_logger
 from mjhcmc.methods.record import Record
 from mjhcmc.methods.windows import Windows, decay_rate
 from mjhcmc.one_by_one import OneByOne
-from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State
+from mjhcmc.plant import RK4_LIMIT, State
 from mjhcmc.solution import Solution
 
 _FINER_TRIES = 2  # a simulation that diverges is solved again with a quarter of the step, and a sixteenth
@@ -302,7 +302,8 @@ def static_start(windows: Windows, *, reserves: bool) -> tuple[State, Inputs]:
     plant.forward()
     needed = needs(windows, start.qpos, windows.reference.qacc[0], steady=True)
     low, high = model.excitation_range.T
-    high = np.maximum(low, np.minimum(high, activation_cap(model.force_limit, needed.moments.gain, needed.moments.bias)))
+    cap = activation_cap(model.force_limit, needed.moments.gain, needed.moments.bias)
+    high = np.maximum(low, np.minimum(high, cap))
     price = reserve_price(needed.M, reserves=reserves)
     found = sharing.allocate(sharing.problem(needed.moments, needed.Q, low, high, price, None, start.time))
     activation = plant.steady_activation(found.activation)

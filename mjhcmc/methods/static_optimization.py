@@ -84,8 +84,8 @@ def static_optimization(
     """
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
-        loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation, disabled=disabled,
-        solver=solver, emg=emg,
+        loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation,
+        disabled=disabled, solver=solver, emg=emg,
     )  # fmt: skip
     check_flag("reserves", reserves)
     method = _Static(reserves, _plan(windows, reserves=reserves))
@@ -121,7 +121,9 @@ def _plan(windows: Windows, *, reserves: bool) -> _Plan:
         needed = needs(windows, reference.qpos[k], reference.qacc[k], steady=True)
         price = reserve_price(needed.M, reserves=reserves)
         before = found[-1].activation if found else None
-        problem = sharing.problem(needed.moments, needed.Q, low, high, price, before, float(time))
+        cap = activation_cap(model.force_limit, needed.moments.gain, needed.moments.bias)
+        top = np.maximum(low, np.minimum(high, cap))
+        problem = sharing.problem(needed.moments, needed.Q, low, top, price, before, float(time))
         found.append(sharing.allocate(problem))
         settled = plant.steady_activation(found[-1].activation)
         if plant.hosted is not None:

@@ -220,8 +220,8 @@ def prepare(
             )
         if loads is not None or not model.roles.all_tracked:
             raise SettingsError(
-                "joint_moments tell what all joints of a model carry, loads from outside included: leave loads out, and "
-                "use a model whose joints are all tracked"
+                "joint_moments tell what all joints of a model carry, loads from outside included: leave loads out, "
+                "and use a model whose joints are all tracked"
             )
         joint_moments.check_covers(motion, model)
         external = joint_moments.implied_load(MujocoPlant(model, step), motion)
