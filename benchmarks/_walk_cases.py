@@ -82,9 +82,9 @@ def inputs(
     return {"model": own, "motion": motion, "loads": loads}
 
 
-def of_joints(solution: mjhcmc.Solution, values: Array) -> Array:
-    """Columns of hip, knee and ankle, in this order."""
-    return values[..., [solution.dof_names.index(joint) for joint in JOINTS]]
+def of_joints(solution: mjhcmc.Solution, values: Array, names: tuple[str, ...] = JOINTS) -> Array:
+    """Columns of hip, knee and ankle, in this order, or of other degrees of freedom."""
+    return values[..., [solution.dof_names.index(name) for name in names]]
 
 
 @cache

@@ -65,6 +65,13 @@ def walk_figure() -> Figure:
             ax.plot(time, force[:, axis], color="#262626", lw=1.2, ls=line, label=name)
         ax.legend(loc="upper right", handlelength=1.6, borderpad=0.1, labelspacing=0.1)
         finish(ax, time_label=False)
+        ax = sheet.panel(1, 3, "residual at the pelvis")
+        up, forward = of_joints(solution, solution.residual, ("pelvis_ty", "pelvis_tx")).T
+        scale_values(sheet, ax, "force", "N", [up, forward])
+        shade(ax, time, stance, FLAGGED, _span(ax), 0)
+        ax.plot(time, up, color="#262626", lw=1.2)
+        ax.plot(time, forward, color="#262626", lw=1.2, ls="--")
+        finish(ax, time_label=False)
         found = against(solution, run) if run else {}
         for i, muscle in enumerate(solution.muscle_names):
             row = 2 + i // 4

@@ -19,7 +19,7 @@ _QUATERNION, _TURN = ("_qw", "_qx", "_qy", "_qz"), ("_rx", "_ry", "_rz")
 
 
 class NamedCoordinates:
-    """Coordinates and degrees of freedom side by side.
+    """Coordinates and degrees of freedom side by side; where there are as many of both, they go one by one.
 
     Args:
         coordinates: (nq,) names, in the order of qpos.
@@ -30,7 +30,9 @@ class NamedCoordinates:
     """
 
     def __init__(self, coordinates: Sequence[str], dofs: Sequence[str]) -> None:
-        scalar_q, scalar_v, turns, i, j = [], [], [], 0, 0
+        one_by_one = list(range(len(dofs))) if len(coordinates) == len(dofs) else []
+        scalar_q, scalar_v, turns = one_by_one.copy(), one_by_one.copy(), []
+        i = j = len(one_by_one)
         while i < len(coordinates) or j < len(dofs):
             own, other = "".join(coordinates[i : i + 1]), "".join(dofs[j : j + 1])
             joint = other.removesuffix(_TURN[0])

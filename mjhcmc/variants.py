@@ -36,6 +36,7 @@ _SIZES = (
 _STRUCTURE = (
     "body_parentid", "jnt_type", "jnt_qposadr", "dof_parentid", "dof_jntid", "actuator_dyntype", "actuator_ctrladr",
     "actuator_actadr", "actuator_outadr", "actuator_trntype", "actuator_trnid", "M_rownnz", "M_rowadr", "M_colind",
+    "eq_type", "eq_active0",
 )  # fmt: skip
 
 
@@ -143,11 +144,14 @@ def check_alike(models: Sequence[MuscleModel]) -> None:
         first = models[0]
         if model is first:
             continue
-        for what in ("muscle_names", "dof_names"):
-            a, b = getattr(first, what), getattr(model, what)
+        for what, a, b in (
+            ("muscle names", first.muscle_names, model.muscle_names),
+            ("dof names", first.dof_names, model.dof_names),
+            ("roles", first.roles.of, model.roles.of),
+        ):
             if a != b:
                 raise SettingsError(
-                    f"models[{i}] has the {what.replace('_', ' ')} {', '.join(b)}, models[0] has {', '.join(a)}: a "
+                    f"models[{i}] has the {what} {', '.join(b)}, models[0] has {', '.join(a)}: a "
                     "batch is of models of one structure; solve others in a batch of their own"
                 )
         for size in _SIZES:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.errors import MjhcmcError, MjhcmcWarning, SettingsError, SimulationError
+from mjhcmc.external_loads import ExternalLoads
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.methods.hcmc import Hcmc
 from mjhcmc.methods.run import Progress, SolveInterrupted, run_together
@@ -49,6 +50,7 @@ def hcmc_batch(
     solver: str = "newton",
     emg: EmgTargets | Sequence[EmgTargets] | None = None,
     joint_moments: JointMoments | Sequence[JointMoments] | None = None,
+    loads: ExternalLoads | Sequence[ExternalLoads] | None = None,
     trials: int = 2,
     tolerance: float = 0.1,
     gain: float = 2.7,
@@ -61,7 +63,7 @@ def hcmc_batch(
 
     Each simulation is solved exactly as `hcmc` solves it alone: with our own solver the same bits, for any number of
     threads and whatever else is in the batch. One that fails does so alone: it is named in a warning, and the rest go
-    on. Loads from outside come with joint_moments only.
+    on.
 
     Args:
         models: one for all simulations, or one each; of one structure, alike in all but numbers.
@@ -83,6 +85,7 @@ def hcmc_batch(
         solver: as `hcmc`.
         emg: for all simulations, or one each.
         joint_moments: for all simulations, or one each.
+        loads: for all simulations, or one each.
         trials: as `hcmc`.
         tolerance: as `hcmc`.
         gain: as `hcmc`.
@@ -112,6 +115,9 @@ def hcmc_batch(
     targets: list[Any] = [None]
     if emg is not None:
         targets, _ = one_each("emg", emg, EmgTargets, count)
+    forces: list[Any] = [None]
+    if loads is not None:
+        forces, _ = one_each("loads", loads, ExternalLoads, count)
     starts = {
         name: _rows(name, given, count)
         for name, given in (("qpos", initial_qpos), ("qvel", initial_qvel), ("activation", initial_activation))
@@ -137,7 +143,7 @@ def hcmc_batch(
             with each_notice_once(told):
                 windows[i] = prepare(
                     model, motion, dt, physics_dt, **start, joint_moments=given, plant=plant, bench=bench, **choices,
-                    emg=targets[i if len(targets) > 1 else 0],
+                    emg=targets[i if len(targets) > 1 else 0], loads=forces[i if len(forces) > 1 else 0],
                 )  # fmt: skip
         except MjhcmcError as error:
             errors[i] = error
