@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mjhcmc.joints import TIME_TOLERANCE
 from mjhcmc.loads_kernel import push
 
 if TYPE_CHECKING:
@@ -25,8 +26,6 @@ Ids = NDArray[np.intp]
 
 HEAVY = 1e8
 """kg or kg m^2, added to a prescribed degree of freedom: 1000 N on it make 1e-5 m/s^2, undone at each physics step."""
-
-_PLANS = 4  # remembered: a window is looked at several times
 
 External = Callable[[Array], Array]
 """Loads that act from outside, as generalized forces: times (n,) s to (n, nv) N m."""
@@ -43,11 +42,13 @@ class Surroundings:
         external: generalized forces over time; None: none.
         loads: measured forces on bodies; None: none.
         path: the motion that prescribed degrees of freedom follow; None: there are none.
+        grid: (n,) s, rising: times at which steps will begin; what happens from there on is found all at once.
     """
 
     external: External | None = None
     loads: ExternalLoads | None = None
     path: Path | None = None
+    grid: Array | None = None
 
     @property
     def empty(self) -> bool:
@@ -123,7 +124,8 @@ class Outside:
             if s.loads is not None:
                 own[:, : len(s.loads.body)] = s.loads.ids(model)
         self._most = most
-        self._plans: dict[tuple[bytes, bytes, float, int], Plan] = {}
+        self._known: dict[tuple[int, float, int], Plan] = {}
+        self._to = columns.qpos + self._coordinates, columns.qvel + self._prescribed
 
     def plan(self, ids: Ids, start: Array, step: float, n_step: int) -> Plan:
         """What the next steps of simulations take.
@@ -134,42 +136,52 @@ class Outside:
             step: s; 0: look at the start alone.
             n_step: how many.
         """
-        key = ids.tobytes(), start.tobytes(), step, n_step
-        found = self._plans.get(key)
-        if found is None:
-            if len(self._plans) >= _PLANS:
-                self._plans.pop(next(iter(self._plans)))
-            found = self._plans[key] = self._plan(ids, start, step, n_step)
-        return found
+        each = [self._of(int(i), t, step, n_step) for i, t in zip(ids, start, strict=True)]
+        if len(each) == 1:
+            return each[0]
+        parts = [np.concatenate(part) for part in zip(*(p[:4] for p in each), strict=True)]
+        loads = [np.concatenate(part) for part in zip(*(p.loads for p in each), strict=True)]
+        return Plan(*parts, tuple(loads))  # type: ignore[arg-type]
 
-    def _plan(self, ids: Ids, start: Array, step: float, n_step: int) -> Plan:
-        b = len(ids)
-        external = np.zeros((b, n_step, self._nv))
-        drive = np.zeros((b, n_step, self._nv))
+    def _of(self, i: int, start: float, step: float, n_step: int) -> Plan:
+        """That of one simulation; of starts that are known beforehand all are found at once."""
+        grid = self._surroundings[i].grid
+        k = -1 if grid is None else min(int(np.searchsorted(grid, start - TIME_TOLERANCE)), len(grid) - 1)
+        if grid is None or abs(grid[k] - start) > TIME_TOLERANCE:
+            return self._found(i, np.array([start]), step, n_step)
+        key = i, step, n_step
+        if key not in self._known:
+            self._known[key] = self._found(i, grid, step, n_step)
+        found, at = self._known[key], slice(k, k + 1)
+        force, torque, point = found.loads
+        return Plan(*(part[at] for part in found[:4]), (force[at], torque[at], point[at]))  # type: ignore[arg-type]
+
+    def _found(self, i: int, start: Array, step: float, n_step: int) -> Plan:
+        """That of one simulation from several times on."""
+        own, b = self._surroundings[i], len(start)
+        times = (start[:, None] + step * (np.arange(2 * n_step + 1) / 2)).ravel()
+        middles = times.reshape(b, -1)[:, 1::2].ravel()
+        external, force = np.zeros((b, n_step, self._nv)), np.zeros((b, n_step, self._nv))
         qpos = np.empty((b, n_step + 1, len(self._coordinates)))
         qvel = np.empty((b, n_step + 1, len(self._prescribed)))
         loads = tuple(np.zeros((b, n_step, self._most, 3)) for _ in range(3))
-        ahead = step * (np.arange(2 * n_step + 1) / 2)
-        for k, i in enumerate(ids):
-            own, times = self._surroundings[i], start[k] + ahead
-            if own.external is not None:
-                external[k] = own.external(times[1::2])
-            if own.path is not None and len(self._prescribed):
-                q, v, a = own.path(times)
-                qpos[k], qvel[k] = q[::2, self._coordinates], v[::2, self._prescribed]
-                drive[k][:, self._prescribed] = HEAVY * a[1::2, self._prescribed]
-            if own.loads is not None:
-                # a look ahead may pass the end; that the loads cover the motion was checked
-                within = np.clip(times[1::2], own.loads.time[0], own.loads.time[-1])
-                for part, values in zip(loads, own.loads.sample(within), strict=True):
-                    part[k, :, : values.shape[1]] = values
-        return Plan(external, external + drive, qpos, qvel, loads)  # type: ignore[arg-type]
+        if own.external is not None:
+            external[:] = own.external(middles).reshape(external.shape)
+        if own.path is not None and len(self._prescribed):
+            q, v, a = (part.reshape(b, 2 * n_step + 1, -1) for part in own.path(times))
+            qpos[:], qvel[:] = q[:, ::2, self._coordinates], v[:, ::2, self._prescribed]
+            force[:, :, self._prescribed] = HEAVY * a[:, 1::2, self._prescribed]
+        if own.loads is not None:
+            # a look ahead may pass the end; that the loads cover the motion was checked
+            within = np.clip(middles, own.loads.time[0], own.loads.time[-1])
+            for part, values in zip(loads, own.loads.sample(within), strict=True):
+                part[:, :, : values.shape[1]] = values.reshape(b, n_step, -1, 3)
+        return Plan(external, external + force, qpos, qvel, loads)  # type: ignore[arg-type]
 
     def lead(self, rows: Array, plan: Plan, j: int) -> None:
         """Put prescribed coordinates of rows (b, n_row) where they are at the start of step j."""
         if len(self._prescribed):
-            rows[:, self._columns.qpos + self._coordinates] = plan.qpos[:, j]
-            rows[:, self._columns.qvel + self._prescribed] = plan.qvel[:, j]
+            rows[:, self._to[0]], rows[:, self._to[1]] = plan.qpos[:, j], plan.qvel[:, j]
 
     def push(self, ids: Ids, at: Ids, rows: Array, plan: Plan, j: int, ahead: float, seen: Kinematics) -> None:
         """Put the forces on bodies of step j into rows (b, n_row).

@@ -226,7 +226,7 @@ def prepare(
         joint_moments.check_covers(motion, model)
         external = joint_moments.implied_load(MujocoPlant(model, step), motion)
     path = path_of(motion) if len(model.roles.prescribed) else None
-    surroundings = Surroundings(external, loads, path)
+    surroundings = Surroundings(external, loads, path, times)
     if plant is not None and plant.hosted is None:
         if loads is not None or (path is not None and plant.surroundings.path is None):
             raise SettingsError(
@@ -234,7 +234,7 @@ def prepare(
             )
         surroundings = plant.surroundings
     elif plant is not None:
-        surroundings = Surroundings(external, loads or plant.surroundings.loads, path)
+        surroundings = Surroundings(external, loads or plant.surroundings.loads, path, times)
         if (joint_moments, loads, path) != (None, None, None):
             plant = plant.at(step, surroundings)
     sharing = share(model, **choices)
