@@ -61,9 +61,14 @@ def solve(
     kinematics: str = SMOOTH,
     lowpass: float | None = None,
     dt: float = DT,
+    tendon: str | None = None,
     **settings: Any,
 ) -> mjhcmc.Solution:
-    """A solution of the trial."""
+    """A solution of the trial; tendon: ``rigid`` or ``compliant``, of Millard's muscles in place of MuJoCo's."""
+    if tendon is not None:
+        settings["plant"] = mjhcmc.HillPlant(
+            model(side=side, moving_knee=moving_knee, muscles=muscles), muscles="millard", tendon=tendon
+        )
     return find_method(method)(**inputs(side, moving_knee, muscles, kinematics, lowpass), dt=dt, **with_floor(settings))
 
 

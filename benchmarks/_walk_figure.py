@@ -8,7 +8,19 @@ import numpy as np
 from _walk_cases import FLOOR, JOINTS, against, of_joints, opensim_cmc, opensim_moments, solve
 
 from mjhcmc.external_loads import ExternalLoads
-from mjhcmc.plotting.panels import BLUE, DESIRED, FLAGGED, VERMILLION, Sheet, finish, note, scale_values, shade, style
+from mjhcmc.plotting.panels import (
+    BLUE,
+    DESIRED,
+    FLAGGED,
+    GREEN,
+    VERMILLION,
+    Sheet,
+    finish,
+    note,
+    scale_values,
+    shade,
+    style,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +33,7 @@ def walk_figure() -> Figure:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    solution, run = solve(), opensim_cmc()
+    solution, run, hill = solve(), opensim_cmc(), solve(tendon="compliant", cost="capacity")
     assert solution.surroundings is not None
     loads = solution.surroundings.loads
     assert isinstance(loads, ExternalLoads)
@@ -32,9 +44,10 @@ def walk_figure() -> Figure:
     moment, theirs = of_joints(solution, solution.net_joint_moment), opensim_moments(time)
     entries = [
         Line2D([], [], color=DESIRED, lw=3.2, label="measured motion"),
-        Line2D([], [], color=VERMILLION, lw=1.3, label="OpenSim: inverse dynamics, CMC"),
+        Line2D([], [], color=VERMILLION, lw=1.3, label="OpenSim"),
         Line2D([], [], color=BLUE, lw=1.3, label="mjhcmc"),
-        Patch(color=FLAGGED, label="right foot on the ground"),
+        Line2D([], [], color=GREEN, lw=1.1, label="Millard, compliant, cost capacity"),
+        Patch(color=FLAGGED, label="right foot on ground"),
     ]
     with style():
         sheet = Sheet(
@@ -72,7 +85,7 @@ def walk_figure() -> Figure:
         ax.plot(time, up, color="#262626", lw=1.2)
         ax.plot(time, forward, color="#262626", lw=1.2, ls="--")
         finish(ax, time_label=False)
-        found = against(solution, run) if run else {}
+        found = [against(one, run) for one in (solution, hill)] if run else []
         for i, muscle in enumerate(solution.muscle_names):
             row = 2 + i // 4
             ax = sheet.panel(row, i % 4, muscle)
@@ -82,8 +95,8 @@ def walk_figure() -> Figure:
             shade(ax, time, stance, FLAGGED, (0, 1.3), 0)
             if run is not None:
                 ax.plot(run.time, run.activation[:, run.muscle_names.index(muscle)], color=VERMILLION, lw=1.3)
-                r = found[muscle][0]
-                note(ax, f"r {r:.2f}" if np.isfinite(r) else "at its floor")
+                note(ax, "r " + ", ".join(f"{r:.2f}" if np.isfinite(r) else "–" for r in (f[muscle][0] for f in found)))
+            ax.plot(time, hill.activation[:, i], color=GREEN, lw=1.1)
             ax.plot(time, solution.activation[:, i], color=BLUE, lw=1.3)
             ax.axhline(FLOOR, color=DESIRED, lw=0.6)
             finish(ax, time_label=row == 3)

@@ -225,7 +225,7 @@ def _one_line(message: str) -> str:
 def write_solution(solution: Solution, folder: Path, *, opensim: bool = False) -> list[str]:
     """Solution, verdict and figures into a folder; the paths written."""
     from mjhcmc.io.files import written_whole
-    from mjhcmc.plotting import excitation_figure, moment_figure, tracking_figure
+    from mjhcmc.plotting import excitation_figure, moment_figure, residual_figure, tracking_figure
 
     with interrupt_later():
         paths = [solution.save(folder / "solution.parquet")]
@@ -238,6 +238,8 @@ def write_solution(solution: Solution, folder: Path, *, opensim: bool = False) -
 
             paths += export_opensim(solution, folder / "solution")
     figures = {"excitations": excitation_figure, "tracking": tracking_figure, "moments": moment_figure}
+    if solution.residual.any():
+        figures["residuals"] = residual_figure
     return [*map(str, paths), *save_figures({name: partial(draw, solution) for name, draw in figures.items()}, folder)]
 
 

@@ -45,16 +45,21 @@ def cosine_rows(
         if value is None or not 0 < value < np.inf:
             raise SettingsError(f"cosine: {what} is {value}: give a positive number")
     assert period is not None
-    excursion = np.zeros(len(model.joint_names))
+    # of ball and free joints it is degrees of freedom that swing
+    names = tuple(getattr(model, "dof_names", model.joint_names))
+    excursion = np.zeros(len(names))
     for joint, amplitude in amplitudes.items():
-        if joint not in model.joint_names:
-            raise MotionError(
-                f"cosine: model {model.name} has no joint {joint!r}: its joints are {', '.join(model.joint_names)}"
-            )
+        if joint not in names:
+            raise MotionError(f"cosine: model {model.name} has no joint {joint!r}: its joints are {', '.join(names)}")
         if not np.isfinite(amplitude):
             raise SettingsError(f"cosine: the amplitude of joint {joint} is {amplitude}: give a finite number")
-        excursion[model.joint_names.index(joint)] = amplitude
+        excursion[names.index(joint)] = amplitude
     phase = np.linspace(0.0, cycles, int(np.ceil(_COSINE_ROWS_PER_CYCLE * max(cycles, 0.01))) + 1)
     # 1 - cos x = 2 sin^2(x/2) keeps its digits near rest, where q'' is at its largest.
-    qpos = np.asarray(model.qpos_reference) + np.sin(np.pi * phase)[:, None] ** 2 * excursion
+    way, reference = np.sin(np.pi * phase)[:, None] ** 2 * excursion, np.asarray(model.qpos_reference)
+    coordinates = getattr(model, "coordinates", None)
+    if coordinates is None or coordinates.flat:
+        qpos = reference + way
+    else:
+        qpos = coordinates.moved(np.tile(reference, (len(way), 1)), way)
     return phase * period, qpos, movement or "cosine"

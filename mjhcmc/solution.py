@@ -100,9 +100,9 @@ class Solution:
         residual: (N+1, nv) N m or N: at prescribed degrees of freedom what keeps them on the motion beside the muscles,
             at tracked ones of the root the reserve, elsewhere 0.
         net_joint_moment: (N+1, nv) N m or N: M q'' + bias - passive - limits and contacts - other actuators -
-            external load of the simulated motion, equal to
-            R^T F + reserve (the reserve of the window that starts at the node; last node: the last window's). What acts on
-            dependent degrees of freedom is counted at those that move them.
+            external load of the simulated motion, equal to R^T F + reserve (the reserve of the window that starts at
+            the node; last node: the last window's). What acts on dependent degrees of freedom is counted at those that
+            move them.
         muscle_force: (N+1, n_muscle) N along the tendon, pulling positive: active, passive and fiber damping.
         reserve: (N, nv) N m or N, constant over a window and applied to the plant.
         shortfall: (N, nv) N m or N: what the muscles could not give at the window's end. The reserve where reserves
@@ -120,7 +120,7 @@ class Solution:
             that does not hold it.
         fiber_length: (N+1, n_muscle) m, of Hill muscles with compliant tendons; None of others.
         muscles: the Hill muscles that drove the model; None where MuJoCo's own did, or a file does not tell which.
-        coordinate_names: (nq,) see `MuscleModel.joint_names`. Left out: the model's, or those of the degrees of freedom.
+        coordinate_names: (nq,) see `MuscleModel.joint_names`. Left out: the model's, or else `dof_names`.
     """
 
     time: NDArray[np.float64]

@@ -151,13 +151,17 @@ def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
 
 
 def _joint_table(solution: Solution, values: Mapping[str, Any]) -> list[str]:
-    rows = [["joint", "max error", "RMS error", "peak moment", "peak reserve", "replay error"]]
+    replay, by_window = values["replay_max_error_deg"], solution.verdict.replay_window_max_error
+    word = "replay error"
+    if replay is None and by_window is not None:  # under loads from outside open loop tells nothing
+        replay = dict(zip(solution.dof_names, np.array(by_window) * _scale(solution), strict=True))
+        word = "replay, by window"
+    rows = [["joint", "max error", "RMS error", "peak moment", "peak reserve", word]]
     share = solution.verdict.peak_reserve_share
     for j, name in enumerate(solution.dof_names):
         if solution.roles[j] != "tracked":
             continue
         angle, moment = ("deg", "N m") if solution.dof_is_rotation[j] else ("m", "N")
-        replay = values["replay_max_error_deg"]
         rows.append(
             [
                 name,

@@ -33,6 +33,8 @@ REPLAY_DT = 1e-4
 
 _CHUNK = 65536  # control rows handed to the engine at once: bounds memory on long motions
 _SATURATED = 0.999
+_NO_ARM = 1e-9  # of the largest joint moment of a muscle
+_NAMED = 8
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,7 @@ def _findings(
             if part > RESERVE_SHARE:
                 found.append(
                     f"{name}: {what} of {values[k, j]:.3g} {unit} at {solution.time[k]:.3f} s, {100 * part:.3g} % of "
-                    f"the peak moment{against}; {_saturated(solution, k)}"
+                    f"the peak moment{against}; {_why(solution, j, k, float(values[k, j]))}"
                 )
     given = solution.settings.get("joint_moment_difference", {})
     for j, name in enumerate(solution.dof_names):
@@ -150,15 +152,52 @@ def _findings(
     return found
 
 
-def _saturated(solution: Solution, k: int) -> str:
-    """Which muscles had nothing more to give in window k: those at full excitation, else those switched off."""
+def _why(solution: Solution, j: int, k: int, lacking: float) -> str:
+    """What keeps the muscles from giving a moment at degree of freedom j in window k.
+
+    Args:
+        solution: what is judged.
+        j: the degree of freedom.
+        k: the window.
+        lacking: N m or N.
+    """
     u = solution.excitation[k]
     top = np.ones_like(u) if solution.model is None else solution.model.excitation_range[:, 1]
-    full = [name for name, at_top in zip(solution.muscle_names, u >= _SATURATED * top, strict=True) if at_top]
-    if full:
-        return f"at full excitation: {', '.join(full)}"
-    off = [name for name, value in zip(solution.muscle_names, u, strict=True) if value <= 1 - _SATURATED]
-    return f"no muscle at full excitation; switched off: {', '.join(off) or 'none'}"
+    names = np.array(solution.muscle_names)
+    helps = _helping(solution, j, k, lacking)
+    if not helps.any():
+        return "no muscle moves it that way there: prescribe it, or leave it to the reserve"
+    full = names[helps & (u >= _SATURATED * top)]
+    if full.size:
+        return f"at full excitation: {_some(full)}"
+    off = names[helps & (u <= 1 - _SATURATED)]
+    return "no muscle at full excitation: what it takes, one-way muscles cannot give without moving other joints" + (
+        f"; switched off: {_some(off)}" if off.size else ""
+    )
+
+
+def _helping(solution: Solution, j: int, k: int, lacking: float) -> NDArray[np.bool_]:
+    """(n_muscle,) which muscles push degree of freedom j that way at node k; all where nothing tells."""
+    every = np.ones(len(solution.muscle_names), dtype=bool)
+    if solution.model is None or solution.hosted:
+        return every
+    from mjhcmc import dynamics
+
+    plant, model = solution.plant(), solution.model
+    plant.set_state(solution.state(k))
+    plant.forward()
+    B = dynamics.muscle_moments(plant).B
+    if not model.roles.all_tracked:
+        N = None if model.coupling is None else model.coupling.tangent(solution.qpos[k])
+        W = model.coordinates.seen_from_tracked(N, dynamics.mass_matrix(plant))
+        B = model.coordinates.full((W.T @ B).T).T
+    return np.asarray(B[j] * np.sign(lacking) > _NO_ARM * np.abs(B).max(initial=0.0))
+
+
+def _some(names: NDArray[np.str_]) -> str:
+    """At most _NAMED of them."""
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def replay(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_tools import FIRST_ROW, LONG, put, replaced
-from conftest import HANGING_MASS, LINEAR_ACTUATOR, PENDULUMS
+from conftest import PENDULUMS
 
 # --- bad input: one line, exit code 2, nothing left behind -------------------------------------------------------
 
@@ -169,14 +169,12 @@ BAD_MODELS = {
     "no muscle": (PENDULUMS.replace("<muscle", "<motor").replace('lengthrange=".05 .35" ', "").replace(
         'force="400" ', "").replace('force="200" ', ""), ["muscle"]),
     "no actuator": (PENDULUMS[: PENDULUMS.index("<actuator>")] + "</mujoco>", ["muscle"]),
-    "forcerange": (HANGING_MASS.format(actuator=LINEAR_ACTUATOR.replace(
-        "/>", ' forcelimited="true" forcerange="-50 0"/>')), ["'pull'", "forcerange", "-50..0"]),
     "actuatorfrcrange": (PENDULUMS.replace(
         'name="elbow"', 'name="elbow" actuatorfrclimited="true" actuatorfrcrange="-1 1"'),
         ["'elbow'", "actuatorfrcrange"]),
-    "ball joint": (PENDULUMS.replace(
-        'name="elbow" type="hinge" axis="0 -1 0" range="-120 120"', 'name="elbow" type="ball" range="0 120"'),
-        ["'elbow'"]),
+    "flex equality": (PENDULUMS.replace(
+        "<worldbody>", '<worldbody><flexcomp name="cord" type="grid" count="2 1 1" spacing=".1 .1 .1" dim="1" '
+        'pos="1 0 0"><edge equality="true"/></flexcomp>'), ["equality", "type"]),
 }  # fmt: skip
 
 
@@ -185,7 +183,7 @@ def test_bad_models(run, mot, tmp_path, case):
     text, words = BAD_MODELS[case]
     (tmp_path / "own.xml").write_text(text)
     outcome = run("solve", mot(), "--model", tmp_path / "own.xml", "--out", tmp_path / "out")
-    name = {"forcerange": "hanging"}.get(case, "two_joints") if words and case != "misspelled" else "own.xml"
+    name = "two_joints" if words and case != "misspelled" else "own.xml"
     refused(outcome, name, *words)
     assert not (tmp_path / "out").exists()
 

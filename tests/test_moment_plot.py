@@ -188,6 +188,27 @@ def to_lab(linear):
     return np.column_stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])])
 
 
+def test_only_what_is_tracked_by_muscles_is_shown(fast_solution):
+    """Prescribed, dependent and free degrees of freedom have no muscles to show, nor has a tracked root."""
+    roles = {"roles": ["tracked", "prescribed", "tracked"], "root": ["hip"]}
+    figure = moment_figure(dataclasses.replace(fast_solution, settings={**fast_solution.settings, **roles}))
+    assert [ax.get_title(loc="left") for ax in figure.axes] == ["ankle"]
+    assert_array_equal(net_line(figure.axes[0]), fast_solution.net_joint_moment[:, 2])
+
+
+def test_of_many_joints_twelve_are_shown_and_the_rest_is_counted():
+    solution = swing(chain(14, 30), windows=3)
+    figure = moment_figure(solution)
+    shown = [int(ax.get_title(loc="left").split()[1]) for ax in figure.axes]
+    assert len(shown) == 12
+    assert shown == sorted(shown)
+    assert int(np.argmax(solution.peak_moment)) in shown
+    for j, ax in zip(shown, figure.axes, strict=True):
+        assert_array_equal(net_line(ax), solution.net_joint_moment[:, j])
+    told = figure.legends[0].get_texts()[-1].get_text()
+    assert told == "2 of 14 tracked left out: those that move, carry and err least"
+
+
 def test_a_solution_without_its_model_is_refused(fast_solution):
     bare = dataclasses.replace(fast_solution, model=None)
     with pytest.raises(mjhcmc.SimulationError, match=r"Solution\.load\(path, model=\.\.\.\)"):

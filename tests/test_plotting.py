@@ -10,83 +10,18 @@ from itertools import combinations
 import matplotlib
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
-from matplotlib.patches import StepPatch
 from matplotlib.text import Text
+from plot_tools import activations, legend, line, make, pixels, rooted, shaded, steps
 
 from mjhcmc.errors import OutputError, SettingsError
-from mjhcmc.plotting import convergence_figure, excitation_figure, save_figure, tracking_figure
-from mjhcmc.solution import Solution, WindowStatus
-
-LEG = ("iliopsoas", "glut_max", "rect_fem", "hamstrings", "vasti", "gastroc", "soleus", "tib_ant")
-
-
-def make(muscles=LEG, dofs=("hip", "knee", "ankle"), n=30, seed=0, slides=(), **settings):
-    """A solution of plausible shape; excitation stays under 1, errors shrink a hundredfold from joint to joint."""
-    rng = np.random.default_rng(seed)
-    time = 0.6 + 0.01 * np.arange(n + 1)
-    qpos_desired = np.sin(9 * time[:, None] + rng.uniform(0, 6, len(dofs)))
-    error = rng.normal(scale=1e-2, size=(n + 1, len(dofs))) * 100.0 ** -np.arange(len(dofs))
-    moment = 60 * np.cos(9 * time[:, None] + np.arange(len(dofs)))
-    return Solution(
-        time=time,
-        excitation=rng.uniform(0, 0.9, (n, len(muscles))),
-        activation=rng.uniform(0, 0.9, (n + 1, len(muscles))),
-        qpos=qpos_desired + error,
-        qpos_desired=qpos_desired,
-        qvel=np.zeros_like(error),
-        tracking_error=error,
-        net_joint_moment=moment,
-        muscle_force=np.zeros((n + 1, len(muscles))),
-        reserve=np.zeros((n, len(dofs))),
-        shortfall=np.zeros((n, len(dofs))),
-        external_load=np.zeros((n + 1, len(dofs))),
-        status=np.zeros(n, dtype=np.int64),
-        muscle_names=tuple(muscles),
-        dof_names=tuple(dofs),
-        dof_is_rotation=np.array([name not in slides for name in dofs]),
-        settings={"method": "hcmc", "model": "leg8", "motion": "fast", "dt": 0.01, **settings},
-    )
-
-
-def steps(ax, label):
-    return [p for p in ax.patches if isinstance(p, StepPatch) and p.get_label() == label]
-
-
-def line(ax, label):
-    (found,) = [artist for artist in ax.get_lines() if artist.get_label() == label]
-    return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
-
-
-def shaded(ax, n, time, color=None):
-    """Windows of which the middle is shaded."""
-    middle, found = (time[:-1] + time[1:]) / 2, np.zeros(n, dtype=bool)
-    for collection in ax.collections:
-        if isinstance(collection, PolyCollection) and (
-            color is None or np.allclose(collection.get_facecolor()[0], matplotlib.colors.to_rgba(color))
-        ):
-            for path in collection.get_paths():
-                x = path.vertices[:, 0]
-                found |= (middle > x.min()) & (middle < x.max())
-    return found
-
-
-def legend(figure):
-    return [t.get_text() for t in figure.legends[0].get_texts()]
-
-
-def pixels(figure):
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba()).copy()
-
+from mjhcmc.plotting import convergence_figure, excitation_figure, residual_figure, save_figure, tracking_figure
+from mjhcmc.solution import WindowStatus
 
 # ------------------------------------------------------------------ excitation
 
 
-@pytest.mark.parametrize("count", [1, 8, 13, 80])
+@pytest.mark.parametrize("count", [1, 8, 13, 36])
 def test_a_panel_for_each_muscle(count):
     names = [f"muscle_{i}" for i in range(count)]
     figure = excitation_figure(make(names, n=4))
@@ -106,6 +41,29 @@ def test_excitation_is_a_step_over_its_window_and_activation_a_line_at_the_nodes
         assert ax.get_ylim()[0] <= 0
         assert ax.get_ylim()[1] >= 1
         assert ax.get_xlim() == (solution.time[0], solution.time[-1])
+
+
+@pytest.mark.parametrize("count", [80, 416])
+def test_of_many_muscles_those_with_the_highest_peaks_are_drawn_and_the_rest_is_counted(count):
+    names = [f"muscle_{i}" for i in range(count)]
+    solution = make(names, n=4)
+    figure = excitation_figure(solution)
+    peak = np.maximum(solution.excitation.max(axis=0), solution.activation.max(axis=0))
+    drawn = [int(ax.get_title(loc="left").split()[1]) for ax in figure.axes]
+    assert drawn == sorted(np.argsort(-peak)[:36])
+    assert legend(figure)[-1] == f"{count - 36} of {count} muscles left out: those with the lowest peaks"
+    assert max(figure.get_size_inches()) < 16
+
+
+@pytest.mark.parametrize(("peak", "top"), [(0.15, 0.2), (0.45, 0.5), (0.55, 1.0)])
+def test_all_panels_reach_as_high_as_the_highest_muscle_needs(peak, top):
+    solution = make()
+    quiet = {"excitation": solution.excitation * 0.1, "activation": solution.activation * 0.1}
+    quiet["activation"][4, 2] = peak
+    for ax in excitation_figure(replace(solution, **quiet)).axes:
+        assert ax.get_yticks().tolist() == [0, top / 2, top]
+        assert ax.get_ylim()[0] < 0
+        assert ax.get_ylim()[1] > top
 
 
 def test_leg8_has_two_rows_of_four_and_units_on_the_outer_axes():
@@ -145,10 +103,6 @@ def test_windows_that_are_not_ok_are_shaded_in_every_panel():
     for ax in figure.axes:
         assert np.flatnonzero(shaded(ax, 30, solution.time)).tolist() == [10, 11, 12]
     assert "reserve in use" in legend(figure)
-
-
-def activations(ax):
-    return [artist for artist in ax.get_lines() if artist.get_label() == "activation"]
 
 
 def test_several_solutions_lie_over_each_other_in_their_own_colors():
@@ -218,82 +172,6 @@ def test_nothing_to_draw_is_refused():
         excitation_figure({})
 
 
-# ------------------------------------------------------------------ tracking
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 5, 12])
-def test_three_panels_for_each_joint(count):
-    solution = make(dofs=[f"joint_{i}" for i in range(count)], n=5)
-    figure = tracking_figure(solution)
-    assert len(figure.axes) == 3 * count
-    for j in range(count):
-        angle, error, moment = figure.axes[3 * j : 3 * j + 3]
-        assert angle.get_title(loc="left") == f"joint {j}"
-        np.testing.assert_allclose(line(angle, "desired")[1], np.rad2deg(solution.qpos_desired[:, j]))
-        np.testing.assert_allclose(line(angle, "actual")[1], np.rad2deg(solution.qpos[:, j]))
-        np.testing.assert_allclose(line(error, "tracking error")[1], np.rad2deg(solution.tracking_error[:, j]))
-        np.testing.assert_array_equal(line(moment, "net joint moment")[1], solution.net_joint_moment[:, j])
-
-
-def test_the_largest_error_is_marked_and_told_in_the_units_of_its_axis():
-    error = np.zeros((31, 2))
-    error[7] = np.deg2rad([-0.5, 2.5e-4])
-    error[9] = np.deg2rad([0.25, -1e-4])
-    figure = tracking_figure(replace(make(dofs=("hip", "knee")), tracking_error=error))
-    hip, knee = figure.axes[1], figure.axes[4]
-    time, value = line(hip, "max")
-    np.testing.assert_allclose([time[0], value[0]], [0.67, -0.5])
-    assert "max 0.5 deg at 0.67 s" in [t.get_text() for t in hip.texts]
-    assert hip.get_ylabel() == "error (deg)"
-    assert "max 250×10⁻⁶ deg at 0.67 s" in [t.get_text() for t in knee.texts]
-    assert knee.get_ylabel() == "error (10⁻⁶ deg)"
-    ticks = dict(zip(knee.get_yticks(), knee.yaxis.get_major_formatter().format_ticks(knee.get_yticks()), strict=True))
-    assert all(float(label.replace("−", "-")) == pytest.approx(1e6 * tick) for tick, label in ticks.items())
-
-
-def test_a_slide_is_shown_in_meters_and_newtons():
-    solution = make(dofs=("hip", "pelvis_ty"), slides=("pelvis_ty",))
-    angle, error, force = tracking_figure(solution).axes[3:]
-    np.testing.assert_array_equal(line(angle, "actual")[1], solution.qpos[:, 1])
-    np.testing.assert_array_equal(line(error, "tracking error")[1], solution.tracking_error[:, 1])
-    assert angle.get_ylabel() == "position (m)"
-    assert error.get_ylabel().endswith("m)")
-    assert "deg" not in error.get_ylabel()
-    assert force.get_ylabel() == "force (N)"
-
-
-def test_the_reserve_is_filled_and_its_share_told_or_that_it_is_zero():
-    solution = make()
-    reserve = np.zeros_like(solution.reserve)
-    reserve[3, 2] = -0.3 * solution.peak_moment[2]
-    figure = tracking_figure(replace(solution, reserve=reserve, shortfall=reserve.copy()))
-    for j in range(3):
-        ax = figure.axes[3 * j + 2]
-        (fill,) = steps(ax, "reserve")
-        assert fill.get_fill()
-        np.testing.assert_array_equal(fill.get_data().values, reserve[:, j])
-        np.testing.assert_array_equal(fill.get_data().edges, solution.time)
-    notes = [figure.axes[3 * j + 2].texts[0].get_text() for j in range(3)]
-    assert notes[:2] == ["reserve zero"] * 2
-    assert notes[2] == f"reserve {0.3 * solution.peak_moment[2]:.3g} N m, 30 % of peak"
-
-
-def test_where_reserves_are_off_the_unmet_moment_is_drawn():
-    shortfall = np.ones((30, 3))
-    figure = tracking_figure(replace(make(), shortfall=shortfall))
-    assert steps(figure.axes[2], "unmet")
-    assert not steps(figure.axes[2], "reserve")
-    assert "unmet moment" in legend(figure)
-
-
-def test_a_perfect_and_motionless_solution_draws():
-    still = np.zeros((31, 3))
-    solution = replace(make(), qpos=still, qpos_desired=still.copy(), tracking_error=still, net_joint_moment=still)
-    figure = tracking_figure(solution)
-    pixels(figure)
-    assert all(np.diff(ax.get_ylim())[0] > 0 for ax in figure.axes)
-
-
 # ------------------------------------------------------------------ convergence
 
 
@@ -351,6 +229,8 @@ def _busy():
         "1 muscle": lambda: excitation_figure(one),
         "1 joint": lambda: tracking_figure(one),
         "several": lambda: excitation_figure(several),
+        "residuals": lambda: residual_figure(rooted(20)),
+        "40 joints": lambda: tracking_figure(make(dofs=[f"metatarsophalangeal_{i}_r" for i in range(40)], n=5)),
         "convergence": lambda: convergence_figure([0.02, 0.01, 0.005], np.ones((3, 3)), ("hip", "knee", "ankle")),
     }
 

@@ -12,6 +12,7 @@ from many_muscles import chain, swing
 from numpy.testing import assert_allclose, assert_array_equal
 from probes import reactions_by_virtual_work
 from recorded import recorded, reserve_at_nodes
+from riders import PLANAR, RIDER
 
 import mjhcmc
 from mjhcmc import MujocoPlant
@@ -20,6 +21,7 @@ from mjhcmc.leg8 import leg8_xml
 from mjhcmc.plant import State
 from mjhcmc.plotting import moment_figure
 from mjhcmc.reactions import joint_reactions
+from mjhcmc.surroundings import Surroundings
 
 GRAVITY = np.array([0, 0, -9.81])
 
@@ -270,7 +272,9 @@ def test_what_acts_on_bodies_at_a_place_not_followed_leaves_reactions_unknown(ch
 @pytest.fixture
 def loaded(fast_solution):
     """Under a load from outside, as joint moments given by a user leave it."""
-    return dataclasses.replace(fast_solution, external_load=np.full_like(fast_solution.net_joint_moment, 3.0))
+    around = Surroundings(external=lambda times: np.full((len(times), 3), 3.0))
+    load = np.full_like(fast_solution.net_joint_moment, 3.0)
+    return dataclasses.replace(fast_solution, external_load=load, surroundings=around)
 
 
 def test_generalized_loads_from_outside_leave_reactions_unknown_and_nothing_else(fast_solution, loaded):
@@ -280,6 +284,22 @@ def test_generalized_loads_from_outside_leave_reactions_unknown_and_nothing_else
     assert np.isnan(force).all()
     assert np.isnan(detail.joint_reaction_moment).all()
     assert_array_equal(detail.muscle_moment, fast_solution.detail.muscle_moment)
+
+
+def test_loads_of_a_solution_that_does_not_know_where_they_act_leave_reactions_unknown(loaded):
+    with pytest.warns(mjhcmc.MjhcmcWarning, match="where the loads from outside act on the bodies is not recorded"):
+        assert np.isnan(dataclasses.replace(loaded, surroundings=None).detail.joint_reaction_force).all()
+
+
+def test_joints_prescribed_along_a_path_that_is_not_known_leave_reactions_unknown():
+    """Without the path the base would fall, and nothing would hang on it."""
+    model = load_xml(RIDER.format(root=PLANAR))
+    time = np.linspace(0, 0.3, 61)
+    qpos = np.column_stack([0.5 * time, 0.02 * np.cos(11 * time), 0 * time, 0.3 * np.sin(5 * time), -0.4 + time])
+    solution = mjhcmc.hcmc(model, mjhcmc.Motion(time, qpos))
+    assert np.isfinite(solution.detail.joint_reaction_force).all()
+    with pytest.warns(mjhcmc.MjhcmcWarning, match="joint reactions are not known"):
+        assert np.isnan(dataclasses.replace(solution, surroundings=None).detail.joint_reaction_force).all()
 
 
 @pytest.mark.parametrize("name", ["joint_reaction_force", "joint_reaction_moment"])

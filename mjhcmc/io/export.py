@@ -31,7 +31,8 @@ def export_opensim(solution: Solution, stem: str | Path) -> list[Path]:
     Names and signs are OpenSim's where the model ships them in custom texts: ``opensim_paths`` (joint=path),
     ``opensim_muscles`` (muscle=name), and ``opensim_coordinates``, whose leading ``-`` flips a joint's value and speed
     under its path. A joint or muscle without goes by its own name, and a joint's path is then
-    ``/jointset/<joint>/<joint>``. SI units and radians (inDegrees=no).
+    ``/jointset/<joint>/<joint>``; a joint that an equality constraint ties to others is left out where it has no path:
+    OpenSim's twin of the model has no such coordinate, or moves it by itself. SI units and radians (inDegrees=no).
 
     Controls: a column a muscle, the excitation. It is constant over a window, and OpenSim interpolates linearly, so
     each window has two rows, one where it begins and one a millionth of it before the next begins. OpenSim 4.6 then
@@ -53,8 +54,8 @@ def export_opensim(solution: Solution, stem: str | Path) -> list[Path]:
         The paths written, controls first.
 
     Raises:
-        OutputError: the solution does not know its model (it was read from a file without one), a name that OpenSim
-            cannot read, or files that cannot be written.
+        OutputError: the solution does not know its model (it was read from a file without one), a ball or free joint, a
+            name that OpenSim cannot read, or files that cannot be written.
     """
     stem = Path(stem)
     model = solution.model
@@ -63,12 +64,12 @@ def export_opensim(solution: Solution, stem: str | Path) -> list[Path]:
             f"{stem}: cannot be written, the solution was read from a file and does not know its model: read it with "
             "Solution.load(path, model=...)"
         )
+    check_names(model)
     tables = {
         stem.with_name(f"{stem.name}_controls.sto"): ("controls", *_controls(solution, model)),
         stem.with_name(f"{stem.name}_states.sto"): ("states", *_states(solution, model)),
     }
     texts = {}
-    check_names(model)
     for path, (name, time, columns) in tables.items():
         if path.is_dir():
             raise OutputError(f"{path}: cannot be written, it is a folder: choose another name")
@@ -81,12 +82,18 @@ def export_opensim(solution: Solution, stem: str | Path) -> list[Path]:
 
 
 def check_names(model: MuscleModel) -> None:
-    """See that OpenSim can read the names that an export of this model would hold, before the work begins.
+    """See that OpenSim can read what an export of this model would hold, before the work begins.
 
     Raises:
-        OutputError: a name with a blank.
+        OutputError: a ball or free joint, or a name with a blank.
     """
-    joints = [model.opensim.paths.get(joint, joint) for joint in model.joint_names]
+    if model.quaternions:
+        joint = model.joint_names[model.quaternions[0]].removesuffix("_qw")
+        raise OutputError(
+            f"model {model.name!r}: joint {joint!r} turns by a quaternion, and the states of OpenSim "
+            "are angles: model it as hinges and slides, or solve without the export for OpenSim"
+        )
+    joints = [model.opensim.paths.get(model.joint_names[j], model.joint_names[j]) for j in _exported(model)]
     muscles = [model.opensim.muscles.get(muscle, muscle) for muscle in model.muscle_names]
     for name in (*joints, *muscles):
         if len(name.split()) != 1:
@@ -94,6 +101,12 @@ def check_names(model: MuscleModel) -> None:
                 f"model {model.name!r}: {name!r} cannot be written: OpenSim's names hold no blanks: rename that joint "
                 "or muscle in the model"
             )
+
+
+def _exported(model: MuscleModel) -> list[int]:
+    """Coordinates that an export holds: all but dependent ones without a path."""
+    tied = set(model.roles.dependent.tolist())
+    return [j for j, name in enumerate(model.joint_names) if j not in tied or name in model.opensim.paths]
 
 
 def _controls(solution: Solution, model: MuscleModel) -> tuple[Array, dict[str, Array]]:
@@ -110,7 +123,8 @@ def _controls(solution: Solution, model: MuscleModel) -> tuple[Array, dict[str, 
 def _states(solution: Solution, model: MuscleModel) -> tuple[Array, dict[str, Array]]:
     """(N+1,) s, and each state there, in OpenSim's order."""
     columns: dict[str, Array] = {}
-    for j, joint in enumerate(model.joint_names):  # hinges and slides only: coordinate j moves by speed j
+    for j in _exported(model):  # hinges and slides only: coordinate j moves by speed j
+        joint = model.joint_names[j]
         path = model.opensim.paths.get(joint)
         flipped = path is not None and model.column_map.get(joint, "").startswith("-")
         for kind, values in (("value", solution.qpos), ("speed", solution.qvel)):

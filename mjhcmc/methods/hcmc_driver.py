@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 _STABLE = 2.0  # step times decay rate up to which a trial may step coarsely; Runge-Kutta's limit is 2.78
 _USUAL_DT = 0.01  # s
 _STIFFNESS_EVERY = 8  # windows
-_OF_OTHERS = 0.05  # of the rms acceleration of the joints that move most
+_OF_OTHERS = 0.5  # of the rms acceleration of the joints that move most
 _HELD_GAIN = 1.5  # a limit or contact that comes and goes makes quick feedback bounce
+_HELD_MISSABLE = 10.0  # times what may be missed otherwise: what it does is not corrected away
 _SUSPECT = 0.7  # of the rate that is stable: how far from it the expected end may be
 _RUN_AWAY = 1.0  # times the largest acceleration of the motion
 
@@ -147,9 +148,8 @@ class HcmcDriver:
                 final[whom] = ends
             if trial + 1 == settings.trials:
                 break
-            again = np.any(
-                np.abs(self._missing(k, here.at, (here.kp, here.kv), ends, qacc)) > self._missable[here.at], axis=1
-            )
+            limit = self._missable[here.at] * np.where(here.around.held, _HELD_MISSABLE, 1.0)[:, None]
+            again = np.any(np.abs(self._missing(k, here.at, (here.kp, here.kv), ends, qacc)) > limit, axis=1)
             if not again.any():
                 break
             if not again.all():

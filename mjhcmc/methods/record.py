@@ -96,6 +96,7 @@ class Record:
             return DivergedError(
                 f"MuJoCo failed in the window at {windows.reference.time[k]:.4g} s ({fault}): {remedy}"
             )
+        tracked = {windows.model.dof_names[i] for i in windows.model.roles.tracked}
         for name, columns, labels in (
             ("position", layout.qpos, windows.model.joint_names),
             ("velocity", layout.qvel, windows.model.dof_names),
@@ -103,8 +104,10 @@ class Record:
         ):
             bad = np.flatnonzero(~np.isfinite(row[columns]))
             if bad.size:
+                # what is prescribed does not run away, it is taken along
+                worst = next((i for i in bad if labels[i] in tracked), bad[0])
                 return DivergedError(
-                    f"the {name} of {labels[bad[0]]!r} is not finite at {windows.reference.time[k + 1]:.4g} s: the "
+                    f"the {name} of {labels[worst]!r} is not finite at {windows.reference.time[k + 1]:.4g} s: the "
                     f"simulation diverged; {remedy}"
                 )
         return diverged(windows, k)

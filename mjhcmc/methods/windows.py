@@ -19,6 +19,7 @@ from mjhcmc.motion import RANGE_ALLOWANCE, Motion, Reference, check_joint_range
 from mjhcmc.motion_on_model import fit_to_model, path_of
 from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State, physics_steps
 from mjhcmc.sharing import Sharing, share
+from mjhcmc.start_checks import contacts_beyond_strength
 from mjhcmc.surroundings import Surroundings, coordinates_of
 
 if TYPE_CHECKING:
@@ -268,7 +269,20 @@ def prepare(
     )
     windows.plant.check_motion(motion.name, reference.time, reference.qpos)
     _check_passive_stability(windows)
+    _check_contacts(windows)
     return windows
+
+
+def _check_contacts(windows: Windows) -> None:
+    plant = windows.plant
+    if plant.hosted is not None:
+        return
+    none = np.zeros(windows.model.nv)
+    plant.set_state(State(windows.start.time, windows.start.qpos, none, np.zeros(windows.model.n_muscle), none))
+    plant.set_input(None, none)
+    plant.forward()
+    for line in contacts_beyond_strength(windows):
+        warnings.warn(line, MjhcmcWarning, stacklevel=4)
 
 
 def _check_loads(loads: ExternalLoads, model: MuscleModel, motion: Motion) -> None:

@@ -2,8 +2,10 @@
 
 from mjhcmc.plotting.emg import emg_figure
 from mjhcmc.plotting.fibers import detail_figure
-from mjhcmc.plotting.figures import convergence_figure, excitation_figure, save_figure, tracking_figure
+from mjhcmc.plotting.figures import convergence_figure, excitation_figure, save_figure
 from mjhcmc.plotting.moments import moment_figure
+from mjhcmc.plotting.residuals import residual_figure
+from mjhcmc.plotting.tracking import tracking_figure
 
 __all__ = [
     "convergence_figure",
@@ -11,6 +13,7 @@ __all__ = [
     "emg_figure",
     "excitation_figure",
     "moment_figure",
+    "residual_figure",
     "save_figure",
     "tracking_figure",
 ]

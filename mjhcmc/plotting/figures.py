@@ -1,4 +1,4 @@
-"""Figures for a person: excitations, tracking and moments, convergence. Degrees on screen, SI inside.
+"""Figures for a person: excitations, convergence. Degrees on screen, SI inside.
 
 Figures are plain `matplotlib.figure.Figure` objects without pyplot: they need no screen, leak no state, and show
 themselves at the end of a notebook cell. Geometry is set in inches, so that panels keep their size however many there
@@ -14,22 +14,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mjhcmc.activity import Activity
 from mjhcmc.errors import SettingsError
 from mjhcmc.io.files import written_whole
 from mjhcmc.plotting.panels import (
     AXIS,
-    BLUE,
-    DESIRED,
     FLAGGED,
-    GREEN,
     INK,
-    ORANGE,
     PALETTE,
     SATURATED,
-    VERMILLION,
     Sheet,
     by_label,
     colors_of,
@@ -37,14 +32,12 @@ from mjhcmc.plotting.panels import (
     darker,
     finish,
     headline,
-    note,
-    number,
+    left_out,
     readable,
-    scale_values,
     shade,
     style,
 )
-from mjhcmc.solution import Solution, WindowStatus, moment_scale
+from mjhcmc.solution import Solution, WindowStatus
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -60,18 +53,22 @@ _DASHES = ((0, (3.5, 1.6)), (0, (1.2, 1.2)), (0, (6.0, 1.5, 1.2, 1.5)))
 _MAIN, _PEER = 3.0, 1.0  # widths of the first solution's line and of those that lie in and beside it
 _PNG_DPI = 200
 _SATURATION = 0.999
-_FULL = 1.05  # top of an excitation panel
+_FULL = 1.05  # room above full excitation
+_TOPS = (0.2, 0.5)  # of panels where no muscle does more; else 1
+_MOST = 36  # muscles drawn of a model that has more
 
 
 def excitation_figure(
     solution: Solution | Mapping[str, Solution], overlay: Mapping[str, Activity] | None = None
 ) -> Figure:
-    """Excitation and activation of every muscle, one panel each.
+    """Excitation and activation of every muscle, one panel each; of more than 36, those with the highest peaks.
 
     Excitation is a step (constant over a window), activation a line of the same hue. With one solution, the windows
     where a muscle is saturated and those whose status is not OK are shaded. Several are compared by their activations:
     the first as a wide line, the others as thin lines on it, which stay visible where they agree; excitation is drawn
-    for the first alone, and the legend counts the windows whose status is not OK.
+    for the first alone, and the legend counts the windows whose status is not OK. A peak is that of excitation or
+    activation, in any solution or overlay; muscles stay in the model's order, and the legend counts those left out. All
+    panels reach to 1, or to .2 or .5 where no muscle does more.
 
     Args:
         solution: one solution, or several by label, the one that matters first, drawn over each other and told apart by
@@ -93,6 +90,8 @@ def excitation_figure(
                 f"excitation_figure: overlay {label!r} has none of the muscles {', '.join(muscles)}: use their names"
             )
     colors = colors_of(solutions)
+    count = len(muscles)
+    muscles, top = _busiest(muscles, solutions, overlay)
     n_column = columns_for(len(muscles))
     alone = len(solutions) == 1
     quantity = "excitation" if alone else "activation"
@@ -101,7 +100,10 @@ def excitation_figure(
             math.ceil(len(muscles) / n_column), n_column,
             panel=(2.2 if n_column < 6 else 1.65, 1.12 if alone else 1.3), gap=(0.32, 0.36),
             title=f"Muscle {quantity} · {headline(list(solutions.values()))}",
-            entries=[*_excitation_legend(solutions, colors), *_overlay_legend(overlay)],
+            entries=[
+                *_excitation_legend(solutions, colors), *_overlay_legend(overlay),
+                *left_out(count - len(muscles), f"of {count} muscles", "with the lowest peaks"),
+            ],
         )  # fmt: skip
         first = min(s.time[0] for s in solutions.values())
         last = max(s.time[-1] for s in solutions.values())
@@ -121,14 +123,31 @@ def excitation_figure(
                     column = values[:, other.muscle_names.index(name)]
                     ax.plot(other.time, column, label=label, zorder=4.0 + rank, **_overlay_style(rank))
             ax.set_xlim(first, last)
-            ax.set_ylim(-0.02, _FULL)
-            ax.set_yticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+            ax.set_ylim(-0.02 * top, _FULL * top)
+            ax.set_yticks([0.0, top / 2, top], ["0", f"{top / 2:g}", f"{top:g}"])
             if i % n_column == 0:
                 sheet.label_values(ax, f"{quantity} (–)", 0.3)
             else:
                 ax.tick_params(axis="y", labelleft=False)
             finish(ax, time_label=i + n_column >= len(muscles))
     return sheet.figure
+
+
+def _busiest(
+    muscles: Sequence[str], solutions: Mapping[str, Solution], overlay: Mapping[str, Activity]
+) -> tuple[tuple[str, ...], float]:
+    """The muscles with the highest peaks, in the order given (all where they are few), and the top of their panels."""
+    peak = dict.fromkeys(muscles, -np.inf)
+    everyone: list[Solution | Activity] = [*solutions.values(), *overlay.values()]
+    for one in everyone:
+        for values in (one.excitation, one.activation):
+            if values is not None:
+                for name, own in zip(one.muscle_names, values.max(axis=0).tolist(), strict=True):
+                    if name in peak:
+                        peak[name] = max(peak[name], own)
+    kept = set(sorted(muscles, key=lambda name: -peak[name])[:_MOST])
+    highest = max(peak.values())
+    return tuple(name for name in muscles if name in kept), next((t for t in _TOPS if t > highest), 1.0)
 
 
 def _draw_alone(ax: Axes, solution: Solution, j: int, color: str) -> None:
@@ -203,95 +222,6 @@ def _flags(solution: Solution) -> str:
     counts = [(title, np.count_nonzero(solution.status == status)) for status, title in _STATUS_TITLE.items()]
     told = ", ".join(f"{title} in {n} of {solution.n_window} windows" for title, n in counts if n)
     return f" ({told})" if told else ""
-
-
-def tracking_figure(solution: Solution) -> Figure:
-    """Angle, tracking error and net joint moment with reserve, a column for each joint.
-
-    Each row has its own scale in each column. More than four joints continue below. Where reserves were off, what the
-    muscles could not give is drawn in the reserve's place and called unmet.
-
-    Raises:
-        SettingsError: the solution has no joint.
-    """
-    n_joint = len(solution.dof_names)
-    if not n_joint:
-        raise SettingsError("tracking_figure: the solution has no joint: nothing to draw")
-    n_column = min(n_joint, 3 if n_joint in (5, 6, 9) else 4)
-    with style():
-        sheet = Sheet(
-            3 * math.ceil(n_joint / n_column), n_column, panel=(2.6 if n_column < 4 else 2.3, 1.25),
-            gap=(0.7, 0.2), title=f"Tracking and joint moments · {headline([solution])}",
-            entries=_tracking_legend(solution), block=(3, 0.5),
-        )  # fmt: skip
-        for j, name in enumerate(solution.dof_names):
-            row, column = 3 * (j // n_column), j % n_column
-            for i, draw in enumerate((_draw_angle, _draw_error, _draw_moment)):
-                ax = sheet.panel(row + i, column, name if i == 0 else None)
-                draw(sheet, ax, solution, j)
-                ax.set_xlim(solution.time[0], solution.time[-1])
-                finish(ax, time_label=i == 2)
-    return sheet.figure
-
-
-def _unit(solution: Solution, j: int) -> tuple[str, float]:
-    return ("deg", 180 / np.pi) if solution.dof_is_rotation[j] else ("m", 1.0)
-
-
-def _draw_angle(sheet: Sheet, ax: Axes, solution: Solution, j: int) -> None:
-    unit, factor = _unit(solution, j)
-    # Hinge and slide joints only: coordinate j belongs to degree of freedom j.
-    desired, actual = solution.qpos_desired[:, j] * factor, solution.qpos[:, j] * factor
-    ax.plot(solution.time, desired, color=DESIRED, lw=4.0, solid_capstyle="round", label="desired")
-    ax.plot(solution.time, actual, color=BLUE, lw=1.1, label="actual")
-    scale_values(sheet, ax, "angle" if unit == "deg" else "position", unit, [desired, actual], headroom=0.1)
-
-
-def _draw_error(sheet: Sheet, ax: Axes, solution: Solution, j: int) -> None:
-    unit, factor = _unit(solution, j)
-    error = solution.tracking_error[:, j] * factor
-    ax.axhline(0.0, color=AXIS, lw=0.6, zorder=1.5)
-    ax.plot(solution.time, error, color=VERMILLION, lw=1.1, label="tracking error")
-    scale_values(sheet, ax, "error", unit, [error])
-    k = int(np.argmax(np.where(np.isfinite(error), np.abs(error), -1.0)))
-    ax.plot(solution.time[k], error[k], "o", ms=3.4, mfc="white", mec=VERMILLION, clip_on=False, label="max")
-    note(ax, f"max {number(abs(error[k]))} {unit} at {solution.time[k]:.4g} s")
-
-
-def _draw_moment(sheet: Sheet, ax: Axes, solution: Solution, j: int) -> None:
-    quantity, unit = ("moment", "N m") if solution.dof_is_rotation[j] else ("force", "N")
-    word, part = _missing(solution)
-    moment, missing = solution.net_joint_moment[:, j], part[:, j]
-    ax.axhline(0.0, color=AXIS, lw=0.6, zorder=1.5)
-    ax.stairs(missing, solution.time, fill=True, color=ORANGE, alpha=0.65, lw=0, zorder=1.8, label=word)
-    ax.plot(solution.time, moment, color=GREEN, lw=1.1, label=f"net joint {quantity}")
-    scale_values(sheet, ax, quantity, unit, [moment, missing])
-    peak = float(np.abs(missing).max(initial=0.0))
-    share = 100 * peak / moment_scale(solution.net_joint_moment)[j]
-    if share >= 0.01:
-        note(ax, f"{word} {number(peak)} {unit}, {share:{'.2g' if share < 10 else '.0f'}} % of peak")
-    else:
-        note(ax, f"{word} under 0.01 % of peak" if peak else f"{word} zero")
-
-
-def _missing(solution: Solution) -> tuple[str, NDArray[np.float64]]:
-    """What the muscles did not give: the reserve or, where reserves were off, what nothing gave."""
-    if not solution.reserve.any() and solution.shortfall.any():
-        return "unmet", solution.shortfall
-    return "reserve", solution.reserve
-
-
-def _tracking_legend(solution: Solution) -> list[Artist]:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    return [
-        Line2D([], [], color=DESIRED, lw=4.0, solid_capstyle="butt", label="desired"),
-        Line2D([], [], color=BLUE, lw=1.1, label="actual"),
-        Line2D([], [], color=VERMILLION, lw=1.1, label="tracking error"),
-        Line2D([], [], color=GREEN, lw=1.1, label="net joint moment"),
-        Patch(color=ORANGE, alpha=0.65, lw=0, label=f"{_missing(solution)[0]} moment"),
-    ]
 
 
 def convergence_figure(

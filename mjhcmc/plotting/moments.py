@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.errors import SettingsError
+from mjhcmc.plotting.choice import most_telling, tracked
 from mjhcmc.plotting.panels import (
     AXIS,
     INK,
@@ -17,6 +18,7 @@ from mjhcmc.plotting.panels import (
     Sheet,
     finish,
     headline,
+    left_out,
     note,
     number,
     readable,
@@ -56,7 +58,10 @@ class _Sheet(Sheet):
 
 
 def moment_figure(solution: Solution) -> Figure:
-    """What each muscle adds to each net joint moment, stacked, a panel for each joint.
+    """What each muscle adds to each net joint moment, stacked, a panel for each tracked degree of freedom.
+
+    The root, where no muscle acts, is left out; of more than 12, those are drawn that move, carry or err most
+    (`choice.most_telling`), and the legend counts the rest.
 
     Positive and negative contributions are stacked apart, each from zero outwards, the largest muscle first: where a
     stack rises on both sides, muscles work against each other, and the sum of both is the net joint moment (the line).
@@ -71,24 +76,29 @@ def moment_figure(solution: Solution) -> Figure:
         SimulationError: the solution was read from a file without its model.
         SettingsError: the solution has no joint.
     """
-    n_joint = len(solution.dof_names)
-    if not n_joint:
+    if not solution.dof_names:
         raise SettingsError("moment_figure: the solution has no joint: nothing to draw")
     contribution = solution.detail.muscle_moment
-    named = [_ranked(contribution[:, :, j]) for j in range(n_joint)]
+    candidates = tracked(solution)
+    dofs, rest = most_telling(solution, [j for j in candidates if not solution.is_root[j]] or candidates)
+    n_joint = len(dofs)
+    named = [_ranked(contribution[:, :, j]) for j in dofs]
     colors = _colors(named, [ranked[: len(MUSCLE_COLORS)] for ranked in named])
     n_column = 1 if n_joint <= 4 else 2
     with style():
         sheet = _Sheet(
             math.ceil(n_joint / n_column), n_column, panel=(5.6 if n_column == 1 else 3.6, 1.75),
             gap=(_ROOM + 0.75, 0.36), title=f"Muscle contributions to the joint moments · {headline([solution])}",
-            entries=_legend(solution),
+            entries=[
+                *_legend(solution, dofs),
+                *left_out(rest, f"of {n_joint + rest} tracked", "that move, carry and err least"),
+            ],
         )  # fmt: skip
-        for j, name in enumerate(solution.dof_names):
-            ax = sheet.panel(j // n_column, j % n_column, name)
-            _draw(sheet, ax, solution, j, contribution[:, :, j], named[j], colors[j])
+        for place, j in enumerate(dofs):
+            ax = sheet.panel(place // n_column, place % n_column, solution.dof_names[j])
+            _draw(sheet, ax, solution, j, contribution[:, :, j], named[place], colors[place])
             ax.set_xlim(solution.time[0], solution.time[-1])
-            finish(ax, time_label=j + n_column >= n_joint)
+            finish(ax, time_label=place + n_column >= n_joint)
     return sheet.figure
 
 
@@ -166,14 +176,15 @@ def _draw(
     )  # fmt: skip
     peak = float(np.abs(reserve).max(initial=0.0))
     share = 100 * peak / moment_scale(solution.net_joint_moment)[j]
-    note(ax, f"reserve {number(peak)} {unit}, {share:.2g} % of peak" if share >= 0.01 else "no reserve")
+    told = f"{share:{'.2g' if share < 10 else '.0f'}}"
+    note(ax, f"reserve {number(peak)} {unit}, {told} % of peak" if share >= 0.01 else "no reserve")
 
 
-def _legend(solution: Solution) -> list[Artist]:
+def _legend(solution: Solution, dofs: Sequence[int]) -> list[Artist]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    quantity = "net joint moment" if solution.dof_is_rotation.all() else "net joint moment or force"
+    quantity = "net joint moment" if solution.dof_is_rotation[dofs].all() else "net joint moment or force"
     return [
         Line2D([], [], color=INK, lw=1.3, label=quantity),
         Patch(fc="#BBBBBB", lw=0, label="area: one muscle, named beside the panel"),

@@ -239,6 +239,13 @@ def columns_for(count: int) -> int:
     return 8
 
 
+def left_out(count: int, of: str, which: str) -> list[Artist]:
+    """A legend entry that tells how many are not drawn; none where all are."""
+    from matplotlib.lines import Line2D
+
+    return [Line2D([], [], ls="none", label=f"{count} {of} left out: those {which}")] if count else []
+
+
 def readable(name: str) -> str:
     """A name as a person writes it."""
     return name.replace("_", " ")
