@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import mujoco
@@ -27,7 +27,7 @@ TRUNK = {"flex_extension": -15, "lat_bending": 5, "axial_rotation": 10}
 ELBOW = {"elbow_flexion_r": 20}
 SOCKET_STEP, FINGER_STEP = 2.8e-4, 2.5e-4  # s, what the error messages name
 
-CASES: tuple[tuple[str, dict[str, float], float], ...] = (
+CASES: tuple[tuple[str, Mapping[str, float], float], ...] = (
     ("myofinger", {"IFmcp": 20, "IFpip": 20, "IFdip": 15}, FINGER_STEP),
     ("myoelbow", {"r_elbow_flex": 60}, 1e-3),
     ("myoelbow_2dof", {"r_elbow_flex": 60}, 1e-3),
@@ -50,14 +50,14 @@ CASES: tuple[tuple[str, dict[str, float], float], ...] = (
 
 
 def load(name: str) -> mjhcmc.MuscleModel:
-    import myo_sim
+    import myo_sim  # type: ignore[import-untyped]
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of how the package puts its models together, and of the integrator
         return mjhcmc.MuscleModel.load(myo_sim.load_model(name))
 
 
-def motion_of(model: mjhcmc.MuscleModel, amplitudes: dict[str, float]) -> mjhcmc.Motion:
+def motion_of(model: mjhcmc.MuscleModel, amplitudes: Mapping[str, float]) -> mjhcmc.Motion:
     """The cosine movement, with arms a little off the trunk."""
     radians = {joint: float(np.deg2rad(value)) for joint, value in amplitudes.items()}
     motion = mjhcmc.Motion.cosine(model, amplitudes=radians, period=PERIOD, cycles=1)
@@ -91,7 +91,7 @@ def bare(solution: mjhcmc.Solution) -> float:
     return min(cpu(run) for _ in range(2))
 
 
-def row(name: str, amplitudes: dict[str, float], step: float) -> tuple[str, ...]:
+def row(name: str, amplitudes: Mapping[str, float], step: float) -> tuple[str, ...]:
     model = load(name)
     motion = motion_of(model, amplitudes)
     of = Counter(str(role) for role in model.roles.of)

@@ -84,10 +84,13 @@ class Detail:
         force, moment = np.full(shape, np.nan), np.full(shape, np.nan)
         unknown = reactions_unknown(plant)
         around = self.solution.surroundings
-        if self.solution.external_load.any() and (around is None or around.external is not None):
-            unknown = (
-                unknown or "where the loads from outside act on the bodies is not recorded: solve without joint_moments"
+        if self.solution.external_load.any() and (around is None or around.loads is None):
+            unknown = unknown or (
+                "where the loads from outside act on the bodies is not recorded: solve with ExternalLoads, without "
+                "joint_moments, and ask the solution before it is saved"
             )
+        elif not self.solution.knows_surroundings:
+            unknown = unknown or "the file does not hold the motion of prescribed joints: ask before saving"
         if unknown:
             warnings.warn(
                 f"model {plant.model.name!r}: joint reactions are not known (NaN): {unknown}",
@@ -174,7 +177,9 @@ def _model_of(solution: Solution) -> MuscleModel:
 def _put_at_node(plant: MujocoPlant, solution: Solution, k: int) -> None:
     """The state of a node, under the reserve of the window that starts there and the load from outside."""
     plant.set_state(solution.state(k))
-    plant.set_input(None, solution.reserve[min(k, solution.n_window - 1)] + solution.external_load[k])
+    # a plant that knows its surroundings adds by itself what acts from outside
+    load = solution.external_load[k] if plant.surroundings.empty else 0.0
+    plant.set_input(None, solution.reserve[min(k, solution.n_window - 1)] + load)
     plant.forward()
 
 

@@ -124,10 +124,12 @@ def stiffness_matrix(plant: MujocoPlant) -> NDArray[np.float64]:
     m, d = plant.mj_model, plant.mj_data
     held = d.qpos.copy()
     K = np.empty((m.nv, m.nv))
-    base = np.empty(m.nv)
+    base, step = np.empty(m.nv), np.zeros(m.nv)
     for j in range(-1, m.nv):
         if j >= 0:
-            d.qpos[j] += POSITION_STEP
+            step[j] = POSITION_STEP
+            mujoco.mj_integratePos(m, d.qpos, step, 1.0)
+            step[j] = 0.0
         mujoco.mj_fwdPosition(m, d)
         mujoco.mj_fwdVelocity(m, d)
         mujoco.mj_fwdActuation(m, d)
@@ -135,7 +137,7 @@ def stiffness_matrix(plant: MujocoPlant) -> NDArray[np.float64]:
             base = smooth_force(d) + plant.hosted_moment()
         else:
             K[:, j] = (base - smooth_force(d) - plant.hosted_moment()) / POSITION_STEP
-            d.qpos[j] = held[j]
+            d.qpos[:] = held
     return K
 
 

@@ -286,7 +286,14 @@ class Lockstep:
         """Look around states; returns what failed, the derived quantities and the rows that they belong to."""
         batch, bound = self._probe
         copies = 2 + self._models[0].nv
-        put_around(batch.state, ids, start, self._act, first, copies - 2, step)
+        coordinates = self._models[0].coordinates
+        if first == self.layout.qpos.start and not coordinates.flat:
+            put_around(batch.state, ids, start, self._act, self.layout.qvel.start, copies - 2, 0.0)
+            ways = np.broadcast_to(step * np.eye(copies - 2), (len(ids), copies - 2, copies - 2))
+            q = np.repeat(start[:, None, self.layout.qpos], copies - 2, axis=1)
+            batch.state.reshape(self.count, copies, -1)[ids, 2:, self.layout.qpos] = coordinates.moved(q, ways)
+        else:
+            put_around(batch.state, ids, start, self._act, first, copies - 2, step)
         whole = len(ids) == self.count
         try:
             batch.forward(None if whole else (copies * ids[:, None] + np.arange(copies)).ravel())

@@ -245,7 +245,7 @@ def read_model(m: Any, name: str) -> MuscleModel:
     m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     # a diverging simulation must be seen, not silently reset to the reference pose
     m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    # what the constraint solver leaves is noise in the accelerations of light joints; its last steps cost next to nothing
+    # what the constraint solver leaves is noise in the accelerations of light joints; its last steps cost little
     m.opt.tolerance = min(m.opt.tolerance, SOLVER_TOLERANCE)
     # mj_inverse is meant in continuous time; with RK4 the discrete flag is an error in MuJoCo
     m.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)

@@ -164,8 +164,9 @@ def _muscle_problems(m: Any, i: int) -> Iterator[tuple[str, str]]:
     plain_bias = {int(kind) for kind in (bias.mjBIAS_NONE, bias.mjBIAS_AFFINE, bias.mjBIAS_MUSCLE)}
     if int(m.actuator_gaintype[i]) not in plain_gain or int(m.actuator_biastype[i]) not in plain_bias:
         yield "has a user-defined gain or bias", "use gaintype and biastype muscle"
-    if m.actuator_forcelimited[i] and not m.actuator_forcerange[i, 0] < m.actuator_forcerange[i, 1]:
-        yield f"has forcerange {_range(m.actuator_forcerange[i])}, which leaves no force", "correct or remove it"
+    low, high = m.actuator_forcerange[i]
+    if m.actuator_forcelimited[i] and not low < min(high, 0.0):
+        yield f"has forcerange {_range((low, high))}, which leaves no pull (negative force)", "correct or remove it"
     if m.actuator_actlimited[i] and not (m.actuator_actrange[i, 0] <= 0 and m.actuator_actrange[i, 1] >= 1):
         yield f"has actrange {_range(m.actuator_actrange[i])}, narrower than 0..1", "remove actrange"
     if m.actuator_actearly[i]:

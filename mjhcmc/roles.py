@@ -192,7 +192,8 @@ def dependent_dofs(m: Any, moved: NDArray[np.bool_], root: NDArray[np.bool_]) ->
     if len(taken) < rank:
         from scipy.linalg import qr
 
-        weight = np.where(root, 1e-6, np.where(moved, 1.0, 1e3))
+        driven = np.isin(m.dof_treeid, m.dof_treeid[moved])  # what is held by a limb goes with it, not the limb with it
+        weight = np.where(root, 1e-6, np.where(moved, 1.0, np.where(driven, 1e3, 1e6)))
         weight[taken] = 0.0
         basis = np.linalg.qr(J[:, taken], mode="complete")[0] if taken else np.eye(len(J))
         left = basis[:, len(taken) :].T @ J

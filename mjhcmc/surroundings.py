@@ -139,9 +139,9 @@ class Outside:
         each = [self._of(int(i), t, step, n_step) for i, t in zip(ids, start, strict=True)]
         if len(each) == 1:
             return each[0]
-        parts = [np.concatenate(part) for part in zip(*(p[:4] for p in each), strict=True)]
-        loads = [np.concatenate(part) for part in zip(*(p.loads for p in each), strict=True)]
-        return Plan(*parts, tuple(loads))  # type: ignore[arg-type]
+        external, force, qpos, qvel = (np.concatenate(part) for part in zip(*(p[:4] for p in each), strict=True))
+        push, turn, point = (np.concatenate(part) for part in zip(*(p.loads for p in each), strict=True))
+        return Plan(external, force, qpos, qvel, (push, turn, point))
 
     def _of(self, i: int, start: float, step: float, n_step: int) -> Plan:
         """That of one simulation; of starts that are known beforehand all are found at once."""
@@ -153,8 +153,9 @@ class Outside:
         if key not in self._known:
             self._known[key] = self._found(i, grid, step, n_step)
         found, at = self._known[key], slice(k, k + 1)
-        force, torque, point = found.loads
-        return Plan(*(part[at] for part in found[:4]), (force[at], torque[at], point[at]))  # type: ignore[arg-type]
+        external, force, qpos, qvel = (part[at] for part in found[:4])
+        push, turn, point = (part[at] for part in found.loads)
+        return Plan(external, force, qpos, qvel, (push, turn, point))
 
     def _found(self, i: int, start: Array, step: float, n_step: int) -> Plan:
         """That of one simulation from several times on."""

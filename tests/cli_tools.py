@@ -48,7 +48,7 @@ def run(capfd):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Leave the figures out where a test is not about them: they take a second."""
-    for name in ("excitation_figure", "tracking_figure", "moment_figure"):
+    for name in ("excitation_figure", "tracking_figure", "moment_figure", "residual_figure"):
         monkeypatch.setattr(f"mjhcmc.plotting.{name}", lambda solution, overlay=None: None)
     monkeypatch.setattr("mjhcmc.plotting.save_figure", lambda figure, stem: [])
 

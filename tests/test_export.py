@@ -187,6 +187,51 @@ def test_names_refused(text, data, message):
         with_texts(**{text: data})
 
 
+# --- a moving pelvis, tied joints, balls ---------------------------------------------------------------------------
+
+PELVIS = ("pelvis_tx", "pelvis_ty", "pelvis_tilt")
+
+
+@pytest.fixture(scope="module")
+def gait():
+    model = mjhcmc.MuscleModel.load("leg8_gait")
+    time = 0.01 * np.arange(9)
+    q = np.tile(model.qpos_reference, (9, 1)) + 0.1 * np.sin(5 * time)[:, None] * [1, 2, 3, 1, -2, 1]
+    return mjhcmc.hcmc(model, mjhcmc.Motion(time, q, "step"))
+
+
+def test_a_moving_pelvis_goes_by_opensims_paths(gait, tmp_path):
+    states = columns(export_opensim(gait, tmp_path / "gait")[1])
+    paths = [f"/jointset/ground_pelvis/{name}" for name in PELVIS] + [f"/jointset/{path}" for path in COORDINATES]
+    assert list(states)[:12] == [f"{path}/{kind}" for path in paths for kind in ("value", "speed")]
+    for j, path in enumerate(paths):
+        np.testing.assert_array_equal(states[f"{path}/value"], gait.qpos[:, j])
+        np.testing.assert_array_equal(states[f"{path}/speed"], gait.qvel[:, j])
+
+
+@pytest.mark.parametrize("path", [None, "/jointset/elbow_r/elbow_flexion"])
+def test_a_tied_joint_is_left_out_unless_it_has_a_path(tmp_path, path):
+    text = f'<custom><text name="opensim_paths" data="elbow={path}"/></custom>' if path else ""
+    tied = '<equality><joint joint1="elbow" joint2="shoulder" polycoef="0 .5 0 0 0"/></equality>'
+    model = load_xml(PENDULUMS.replace("<actuator>", f"{text}{tied}<actuator>"))
+    motion = mjhcmc.Motion.cosine(model, amplitudes={"shoulder": 0.1}, period=0.8, cycles=0.1)
+    solution = mjhcmc.hcmc(model, motion)
+    states = columns(export_opensim(solution, tmp_path / "arm")[1])
+    values = [name for name in states if name.endswith("/value")]
+    assert values == ["/jointset/shoulder/shoulder/value"] + [f"{path}/value"] * bool(path)
+    if path:
+        np.testing.assert_array_equal(states[f"{path}/value"], solution.qpos[:, 1])
+
+
+def test_a_ball_is_refused_in_one_line_and_nothing_is_written(arm, tmp_path):
+    model = load_xml(PENDULUMS.replace('name="elbow" type="hinge"', 'name="elbow" type="ball"').replace(
+        'axis="0 -1 0" range="-120 120" limited="true"/>\n        <geom type="capsule" fromto="0 0 0 0 0 -.25"',
+        '/>\n        <geom type="capsule" fromto="0 0 0 0 0 -.25"'))  # fmt: skip
+    with pytest.raises(mjhcmc.OutputError, match=r"^model 'two_joints': joint 'elbow' turns by a quaternion[^\n]*$"):
+        export_opensim(replace(arm, model=model), tmp_path / "arm")
+    assert list(tmp_path.iterdir()) == []
+
+
 # --- OpenSim itself, where it is installed -----------------------------------------------------------------------
 
 
@@ -225,6 +270,29 @@ def test_opensim_takes_the_states(opensim, osim_leg, files, fast_solution):
         for i, name in enumerate(fast_solution.muscle_names):
             muscle = osim_leg.getMuscles().get(f"{name}_r")
             assert muscle.getActivation(states.get(k)) == max(0.01, fast_solution.activation[k, i])
+
+
+def test_opensims_foot_is_where_the_model_has_it(opensim, walk_folder, tmp_path):
+    """The subject's leg on its pelvis, in OpenSim's whole body: a world turned by a quarter, the same foot."""
+    import mujoco
+
+    from mjhcmc.leg8 import leg8_from_osim
+
+    model = mjhcmc.MuscleModel.load(leg8_from_osim(walk_folder / "subject01.osim"))
+    motion = mjhcmc.Motion.from_file(walk_folder / "subject_adjusted_Kinematics_q.sto", model, start=0.9, end=1.0)
+    solution = mjhcmc.hcmc(model, motion)
+    whole = opensim.Model(str(walk_folder / "subject01.osim"))
+    whole.initSystem()
+    table = opensim.TimeSeriesTable(str(export_opensim(solution, tmp_path / "walk")[1]))
+    states = opensim.StatesTrajectory.createFromStatesTable(whole, table, True, False, True)  # the rest is missing
+    data = mujoco.MjData(model.mj_model)
+    for k in (0, 5, 10):
+        data.qpos[:] = solution.qpos[k]
+        mujoco.mj_kinematics(model.mj_model, data)
+        x, y, z = data.body("foot").xpos
+        whole.realizePosition(states.get(k))
+        found = whole.getBodySet().get("talus_r").getPositionInGround(states.get(k)).to_numpy()
+        np.testing.assert_allclose(found, [x, z, -y], atol=3e-3)  # m; the knee is a hinge here
 
 
 def test_fiber_lengths_are_those_of_opensims_rigid_tendons(opensim, osim_leg, files, leg8):

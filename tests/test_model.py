@@ -126,10 +126,13 @@ def test_refused_by_name(case):
         load_xml(xml)
 
 
-def test_a_forcerange_that_leaves_no_force_is_refused():
+@pytest.mark.parametrize("clamp", [(-50, -50), (0, 50), (20, 50)])
+def test_a_forcerange_that_leaves_no_pull_is_refused(clamp):
     m = mujoco.MjModel.from_xml_string(hanging())
-    m.actuator_forcelimited[0], m.actuator_forcerange[0] = True, (-50, -50)
-    message = r"muscle 'pull' has forcerange -50\.\.-50, which leaves no force: correct or remove it"
+    m.actuator_forcelimited[0], m.actuator_forcerange[0] = True, clamp
+    message = (
+        rf"muscle 'pull' has forcerange {clamp[0]}\.\.{clamp[1]}, which leaves no pull \(negative force\): correct"
+    )
     with pytest.raises(mjhcmc.ModelError, match=message):
         mjhcmc.MuscleModel.load(m)
 

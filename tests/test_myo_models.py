@@ -1,4 +1,4 @@
-"""The models of myo-sim, driven along small motions; and what users' own models hold: equalities, balls, motors, clamps."""
+"""The models of myo-sim along small motions; and what users' own models hold: equalities, balls, motors, clamps."""
 
 from dataclasses import replace
 
@@ -96,7 +96,7 @@ def test_the_arm_where_nothing_moves_a_joint_and_bones_overlap():
         solution = mjhcmc.hcmc(model, cosine(model, {"elbow_flexion_r": 5}, 0.05), 0.01, physics_dt=2.5e-4)
     assert not solution.verdict.passed
     assert told(solution)
-    assert any(f.startswith("elv_angle_r") and "no strength" in f for f in solution.verdict.findings)
+    assert any(f.startswith("elv_angle_r: reserve") for f in solution.verdict.findings)
 
 
 def test_the_finger_with_forces_a_hundredfold():
@@ -123,7 +123,7 @@ def test_a_socket_too_stiff_for_the_step_is_refused_with_one_that_works():
     assert works < 1e-3
     solution = mjhcmc.hcmc(model, motion, 0.005, physics_dt=works)
     assert largest_error(solution) <= 0.02
-    weak = {f.split(":")[0] for f in solution.verdict.findings if "no strength" in f}
+    weak = {f.split(":")[0] for f in solution.verdict.findings if "no strength" in f or "no muscle moves it" in f}
     assert {"socket_piston", "osl_ankle_angle_r"} <= weak
 
 
@@ -188,7 +188,8 @@ def links(first="hip", kind=HINGE, of_muscle="", **parts):
 
 def test_a_tendon_equality():
     model = links(
-        more='<body pos=".3 0 0"><joint name="pulley" axis="0 1 0" damping=".01"/><geom fromto="0 0 0 0 0 -.1" mass=".2"/></body>',
+        more='<body pos=".3 0 0"><joint name="pulley" axis="0 1 0" damping=".01"/>'
+        '<geom fromto="0 0 0 0 0 -.1" mass=".2"/></body>',
         tendons='<fixed name="belt"><joint joint="knee" coef="1"/><joint joint="pulley" coef="-.5"/></fixed>',
         equality='<equality><tendon tendon1="belt" solimp=".99 .999 .001"/></equality>',
     )
@@ -203,7 +204,8 @@ def test_a_tendon_equality():
 def test_a_loop_that_a_connect_closes():
     model = links(
         more='<body pos=".15 0 0"><joint name="rod1" axis="0 -1 0"/><geom fromto="0 0 0 0 0 -.3" mass=".2"/>'
-        '<body name="rod" pos="0 0 -.3"><joint name="rod2" axis="0 -1 0"/><geom fromto="0 0 0 -.15 0 -.05" mass=".1"/></body></body>',
+        '<body name="rod" pos="0 0 -.3"><joint name="rod2" axis="0 -1 0"/>'
+        '<geom fromto="0 0 0 -.15 0 -.05" mass=".1"/></body></body>',
         equality='<equality><connect body1="rod" body2="shank" anchor="-.15 0 -.05"/></equality>',
     )  # fmt: skip
     assert len(model.roles.dependent) == 2
@@ -262,7 +264,7 @@ def test_a_free_root_goes_along_its_motion():
         com.append(d.subtree_com[0].copy())
     com = np.array(com)
     acceleration = (com[2:] - 2 * com[1:-1] + com[:-2]) / solution.dt**2
-    force = m.body_mass.sum() * (acceleration + [0, 0, 9.81])
+    force = m.body_mass.sum() * (acceleration - m.opt.gravity)
     np.testing.assert_allclose(solution.residual[1:-1, :3], force, atol=0.01 * np.abs(force).max())
 
 
@@ -292,7 +294,8 @@ def test_a_forcerange_that_clamps():
 
 
 def test_a_floor_under_the_foot():
-    floor = '<geom name="floor" type="plane" size="2 2 .1" pos="0 0 -.53" contype="1" conaffinity="1"/>'
+    floor = '<geom name="floor" type="plane" size="2 2 .1" pos="0 0 -.53" contype="1" conaffinity="1" '
+    floor += 'priority="1" solref=".05 1" solimp=".5 .9 .02"/>'
     model = links(floor=floor, collides='contype="1" conaffinity="1"')
     motion = cosine(model, {"hip": 10, "knee": -20}, 0.6, {"hip": 10, "knee": -40})  # lifts off, and lands
     solution = mjhcmc.hcmc(model, motion, 0.005)

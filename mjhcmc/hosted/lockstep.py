@@ -33,7 +33,8 @@ from mjhcmc.surroundings import HEAVY, Surroundings
 _STAGED = ("qacc", "M", "nefc", "ncon", "actuator_length", "actuator_velocity")
 _PROBED = (*_STAGED, "qfrc_passive", "qfrc_actuator", "qfrc_bias")
 _AT_NODES = (
-    *_STAGED, "qfrc_passive", "qfrc_actuator", "qfrc_bias", "qfrc_constraint", "actuator_force", "ten_velocity", "qfrc_smooth", "qfrc_applied",
+    *_STAGED, "qfrc_passive", "qfrc_actuator", "qfrc_bias", "qfrc_constraint", "qfrc_smooth", "qfrc_applied",
+    "actuator_force", "ten_velocity",
 )  # fmt: skip
 _NODES_AT_ONCE = 1024
 _WORTH_THREADS = 192  # simulations: for fewer, a stage's own work is done before another thread wakes

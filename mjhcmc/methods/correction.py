@@ -144,8 +144,8 @@ def correct(
         )  # fmt: skip
         _share(
             first, last, trial.start_activation, trial.reserve, trial.activation, trial.B, trial.M, reach.parameters,
-            reach.excitation_range, reach.step, reach.n_step, close, trial.cap, sharing.min_activation, sharing.disabled,
-            w, a0, ELASTICITY, reserves, ours, price, answers, wanted, Q, low, high, top, excitation, shortfall, state,
+            reach.excitation_range, reach.step, reach.n_step, close, trial.cap, sharing.min_activation,
+            sharing.disabled, w, a0, ELASTICITY, reserves, ours, price, answers, wanted, Q, low, high, top, excitation, shortfall, state,
         )  # fmt: skip
 
     in_chunks(chunk, b, threads)

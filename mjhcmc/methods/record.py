@@ -171,6 +171,7 @@ class Record:
             status=window_status(moment, reserve, shortfall, self._rate[:n, i] * windows.physics_dt),
             muscle_names=model.muscle_names,
             dof_names=model.dof_names,
+            coordinate_names=model.joint_names,
             dof_is_rotation=model.dof_is_rotation.copy(),
             settings=everything,
             interrupted=interrupted,
