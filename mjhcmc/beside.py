@@ -91,7 +91,6 @@ class Beside:
         if self._tendons.size:
             D += self._of_tendons(m, here, ids)
         n_contact, slopes = here.ncon[ids], K if stiffness else None
-        plants._hold(ids, start, n_contact, M, D, slopes)
         held = plants._held(start, n_contact)
         return failed, Linearization(qacc, M, B, gain, bias, D, slopes, held)
 

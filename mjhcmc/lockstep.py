@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from mjhcmc.beside import FEW, Beside
 from mjhcmc.dynamics import POSITION_STEP, VELOCITY_STEP, NodeForces, forces_from
-from mjhcmc.held import add_held
 from mjhcmc.linearization import (
     Array,
     Bound,
@@ -245,7 +244,6 @@ class Lockstep:
             failed |= self._look(ids, start, self.layout.qpos.start, POSITION_STEP)[0]
             K = np.empty((b, nv, nv))
             read_slopes(ids, POSITION_STEP, bound.qfrc_smooth, K)
-        self._hold(ids, start, n_contact, M, D, K)
         held = self._held(start, n_contact)
         return Linearization(without(failed, ids, qacc), M, B, gain, bias, D, K, held)
 
@@ -258,29 +256,15 @@ class Lockstep:
         return self.layout.qpos.start + limited, first.joint_range[limited]
 
     def _held(self, rows: Array, n_contact: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """(b,) which simulations a joint's limit or a contact holds, or nearly so."""
+        """(b,) which simulations a joint's limit or a contact holds, or nearly so.
+
+        What limits and contacts do to inertia and damping is not in M and D: where one comes off, a correction that
+        counted on it throws the joint away, while one that did not only falls short.
+        """
         columns, limits = self._limits
         q = rows[:, columns]
         at_limit = (q < limits[:, 0] + NEAR) | (q > limits[:, 1] - NEAR)
         return np.asarray(at_limit.any(axis=1) | (n_contact > 0))
-
-    def _hold(self, ids: Ids, rows: Array, n_contact: NDArray[np.int32], M: Array, D: Array, K: Array | None) -> None:
-        """Add what contacts (and limits with them) do to M, D and K of simulations that they hold.
-
-        Limits alone are left out: joints come off them again as soon as muscles move them.
-        """
-        for at in np.flatnonzero(n_contact):
-            i, row = ids[at], rows[at]
-            m = self._stepped(self._models[i], 1.0)
-            d = mujoco.MjData(m) if self._differ else self._holder
-            spec = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-            mujoco.mj_setState(m, d, row[: mujoco.mj_stateSize(m, spec)].copy(), spec)
-            mujoco.mj_forward(m, d)
-            add_held(m, d, M[at], D[at], None if K is None else K[at])
-
-    @cached_property
-    def _holder(self) -> Any:
-        return mujoco.MjData(self._stepped(self._models[0], 1.0))
 
     def _look(self, ids: Ids, start: Array, first: int, step: float) -> tuple[set[int], Bound, Array]:
         """Look around states; returns what failed, the derived quantities and the rows that they belong to."""

@@ -9,7 +9,6 @@ import numpy as np
 
 from mjhcmc import dynamics
 from mjhcmc.dynamics import NodeForces
-from mjhcmc.held import add_held
 from mjhcmc.linearization import Array, Ids, Layout, Linearization
 from mjhcmc.lockstep import NEAR
 from mjhcmc.plant import MujocoPlant, State
@@ -71,8 +70,6 @@ class OneByOne:
                 K.append(dynamics.stiffness_matrix(plant))
             self._put(i, row, s)
             held.append(self._near_limit(plant) or plant.mj_data.ncon > 0)
-            if plant.mj_data.ncon:  # limits alone are left out, see `lockstep.Lockstep`
-                add_held(plant.mj_model, plant.mj_data, M[-1], D[-1], K[-1] if stiffness else None)
         return Linearization(
             np.array(qacc), np.array(M), np.array(B), np.array(gain), np.array(bias), np.array(D),
             np.array(K) if stiffness else None, np.array(held, dtype=bool),

@@ -33,7 +33,6 @@ REPLAY_DT = 1e-4
 
 _CHUNK = 65536  # control rows handed to the engine at once: bounds memory on long motions
 _SATURATED = 0.999
-_NO_ARM = 1e-9  # of the largest joint moment of a muscle
 _NAMED = 8
 
 
@@ -164,9 +163,17 @@ def _why(solution: Solution, j: int, k: int, lacking: float) -> str:
     u = solution.excitation[k]
     top = np.ones_like(u) if solution.model is None else solution.model.excitation_range[:, 1]
     names = np.array(solution.muscle_names)
-    helps = _helping(solution, j, k, lacking)
-    if not helps.any():
-        return "no muscle moves it that way there: prescribe it, or leave it to the reserve"
+    push = _push(solution, j, k)
+    push = push if np.isinf(push).all() else push * np.sign(lacking)
+    helps, most = push > 0, float(push[push > 0].sum())
+    if most < abs(lacking):
+        unit = "N m" if solution.dof_is_rotation[j] else "N"
+        full, off = names[helps & (u >= _SATURATED * top)], names[(push < 0) & (u <= 1 - _SATURATED)]
+        return (
+            f"no strength: all muscles together have {most:.2g} {unit} that way there"
+            + (f"; at full excitation: {_some(full)}" if full.size else "")
+            + (f"; switched off: {_some(off)}" if off.size else "")
+        )
     full = names[helps & (u >= _SATURATED * top)]
     if full.size:
         return f"at full excitation: {_some(full)}"
@@ -176,11 +183,10 @@ def _why(solution: Solution, j: int, k: int, lacking: float) -> str:
     )
 
 
-def _helping(solution: Solution, j: int, k: int, lacking: float) -> NDArray[np.bool_]:
-    """(n_muscle,) which muscles push degree of freedom j that way at node k; all where nothing tells."""
-    every = np.ones(len(solution.muscle_names), dtype=bool)
+def _push(solution: Solution, j: int, k: int) -> NDArray[np.float64]:
+    """(n_muscle,) N m or N, what muscles at full activation do at degree of freedom j at node k; inf: nothing tells."""
     if solution.model is None or solution.hosted:
-        return every
+        return np.full(len(solution.muscle_names), np.inf)
     from mjhcmc import dynamics
 
     plant, model = solution.plant(), solution.model
@@ -191,7 +197,7 @@ def _helping(solution: Solution, j: int, k: int, lacking: float) -> NDArray[np.b
         N = None if model.coupling is None else model.coupling.tangent(solution.qpos[k])
         W = model.coordinates.seen_from_tracked(N, dynamics.mass_matrix(plant))
         B = model.coordinates.full((W.T @ B).T).T
-    return np.asarray(B[j] * np.sign(lacking) > _NO_ARM * np.abs(B).max(initial=0.0))
+    return np.asarray(B[j])
 
 
 def _some(names: NDArray[np.str_]) -> str:

@@ -149,7 +149,10 @@ def measure(plant: ScanPlant, qpos: NDArray[np.float64]) -> Pose:
     moments = dynamics.muscle_moments(plant)
     both = plant.ties.reduce(qpos, np.column_stack([dynamics.moment_arms(plant).T, moments.p + d.qfrc_passive]))
     arm, passive = both[:, :-1], both[:, -1]
-    low, high = (arm * (moments.gain * end) for end in plant.model.excitation_range.T)
+    most = plant.model.force_limit
+    rest = np.minimum(moments.bias, most)
+    ends = plant.model.excitation_range.T
+    low, high = (arm * (np.minimum(moments.gain * end + moments.bias, most) - rest) for end in ends)
     return Pose(
         length=length,
         arm=arm.T,
