@@ -141,3 +141,15 @@ def test_emg(run):
     mae = [{one.muscle: one.mae for one in found.muscles} for found in (names["before"], names["after"])]
     assert mae[1]["soleus"] < mae[0]["soleus"]
     assert np.rad2deg(np.abs(names["informed"].tracking_error)).max() < 0.05
+
+
+def test_ground_reaction(run):
+    names, out, files = run("07_ground_reaction.py")
+    solution = names["solution"]
+    assert solution.verdict.passed
+    assert "verdict: holds" in out
+    assert np.rad2deg(np.abs(solution.tracking_error).max()) < 0.01
+    # beside the push, 200 N at its peak, the pelvis bears what the leg weighs and how it is thrown up and down
+    assert np.abs(solution.external_load[:, 1]).max() == pytest.approx(200, rel=1e-3)
+    assert np.abs(solution.residual[:, 1]).max() > 100
+    assert not files
