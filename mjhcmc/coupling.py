@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mjhcmc.errors import MotionError
 from mjhcmc.roles import Roles, equality_jacobian
 
+_HARD = 0.99  # impedance; MuJoCo's default of .9 lets a tenth of the acceleration through
 _MOST_TURNS = 50
 _MET = 1e-11  # rad or m
 _NO_SOLUTION = 1e-6  # rad or m: what may be left of equalities that contradict each other
@@ -28,6 +29,9 @@ class Coupling:
     Args:
         m: a ``mujoco.MjModel``.
         roles: of its degrees of freedom.
+
+    Attributes:
+        soft: whether an equality has an impedance (solimp) so low that what hangs on it lags.
     """
 
     def __init__(self, m: Any, roles: Roles) -> None:
@@ -39,6 +43,8 @@ class Coupling:
         self._dependent = roles.dependent
         self._independent = np.setdiff1d(np.arange(m.nv), roles.dependent).astype(np.intp)
         self._polynomials = _polynomials(m)
+        active = np.flatnonzero(m.eq_active0)
+        self.soft = bool((m.eq_solimp[active, :2] < _HARD).any())
 
     def tangent(self, qpos: Array) -> Array:
         """N (..., nv, nv) at positions (..., nq): columns of dependent degrees of freedom are 0, see the class."""

@@ -31,6 +31,7 @@ _USUAL_DT = 0.01  # s
 _STIFFNESS_EVERY = 8  # windows
 _OF_OTHERS = 0.5  # of the rms acceleration of the joints that move most
 _HELD_GAIN = 1.5  # a limit or contact that comes and goes makes quick feedback bounce
+_SOFT_GAIN = 0.5  # what hangs on a soft equality lags; quick feedback would ring with it
 _HELD_MISSABLE = 10.0  # times what may be missed otherwise: what it does is not corrected away
 _SUSPECT = 0.7  # of the rate that is stable: how far from it the expected end may be
 _RUN_AWAY = 1.0  # times the largest acceleration of the motion
@@ -106,7 +107,9 @@ class HcmcDriver:
         self._qacc_at, self._before, self._price = np.empty((b, nz)), np.empty((b, n)), np.zeros((b, nz))
         limit = np.stack([m.force_limit for m in models])
         self._limit = limit if np.isfinite(limit).any() else None
-        self._gain = np.full(b, float(settings.gain))
+        soft = np.array([m.coupling is not None and m.coupling.soft for m in models])
+        self._most_gain = np.where(soft, min(settings.gain, _SOFT_GAIN), float(settings.gain))
+        self._gain = self._most_gain.copy()
 
     def _references(self, references: Sequence[Reference]) -> tuple[Array, Array, Array]:
         """Desired positions, velocities and accelerations of all simulations, (n, b, nv)."""
@@ -214,7 +217,8 @@ class HcmcDriver:
 
     def _keep(self, at: Index, found: Linearization) -> None:
         self._M[at], self._B[at] = found.M, found.B
-        self._gain[at] = np.where(found.held, min(self._settings.gain, _HELD_GAIN), self._settings.gain)
+        most = self._most_gain[at]
+        self._gain[at] = np.where(found.held, np.minimum(most, _HELD_GAIN), most)
         if found.K is not None:
             self._K[at] = found.K
 

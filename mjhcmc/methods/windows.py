@@ -345,7 +345,7 @@ def _check_passive_stability(windows: Windows) -> None:
     rest, still = np.zeros(windows.model.n_muscle), np.zeros(windows.model.nv)
     worst, at = 0.0, 0
     for k in range(0, len(reference.time), max(1, len(reference.time) // _POSES_CHECKED)):
-        plant.set_state(State(0.0, reference.qpos[k], still, rest, still))
+        plant.set_state(State(float(reference.time[k]), reference.qpos[k], still, rest, still))
         plant.forward()
         M = dynamics.mass_matrix(plant)
         internal = plant.internal_rate()
