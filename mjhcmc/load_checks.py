@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 FAR = 0.3
 """m: a point further than this from its body is out of place."""
 
+_SLIGHT = 0.02  # of the modelled weight: plates measure more, and
+_SLIGHT_AT_MOST = 4.0  # N: in kN nobody's ground reaction is more; a made-up push may be
 _LOADED = 0.05  # of the body weight, and of the load's own peak: below, a point is noise
 _STEPS = 200  # looked at along the motion
 _AXES = "check the frame and axes of the loads"
@@ -29,13 +31,16 @@ _CLOCK = "check the frame and units, or that the motion and the loads share a cl
 def suspicious(loads: ExternalLoads, model: MuscleModel, motion: Motion) -> list[str]:
     """What speaks for a wrong frame, unit or clock, a line each.
 
+    Where a load has force and point in the ground, as of a force plate, and no force of the file ever exceeds 2 % of
+    the modelled bodies' weight, nor 4 N, it may be in kN.
+
     Looked at where the motion and the loads overlap and a load is above 5 % of the model's weight and of its own peak:
 
     - its point is more than .3 m from the body that it acts on, in the pose of the motion: from the body's origin, its
       centre of mass, and the spheres about its geoms. A foot that is higher than its point by more than that is said
       to be in the air.
-    - force and point are in the ground, as of a force plate, and for over half of that time the force pulls the body
-      down, or more aside than up. Not looked at where the model has no gravity.
+    - its point is in the ground, and for over half of that time the force, turned into the world where it is given in a
+      body's frame, pulls the body down, or more aside than up. Not looked at where the model has no gravity.
 
     Args:
         loads: the loads.
@@ -61,7 +66,7 @@ def suspicious(loads: ExternalLoads, model: MuscleModel, motion: Motion) -> list
     size = np.linalg.norm(force, axis=2)
     loaded = size > np.maximum(_LOADED * body_weight(model), _LOADED * size.max(axis=0))
     up = up_axis(model)
-    found = []
+    found = _slight(loads, body_weight(model))
     for i, body in enumerate(loads.body):
         if not loaded[:, i].any():
             continue
@@ -76,9 +81,21 @@ def suspicious(loads: ExternalLoads, model: MuscleModel, motion: Motion) -> list
                 f"{name}: at {time[worst]:.6g} s {size[worst, i]:.4g} N act at a point {gap[worst]:.2f} m from the "
                 f"body{aloft}: {_CLOCK}"
             )
-        if up is not None and loads.force_frame[i] == loads.point_frame[i] == GROUND:
+        if up is not None and loads.point_frame[i] == GROUND:
             found += _direction(name, time, force[:, i] @ up, size[:, i], loaded[:, i])
     return found
+
+
+def _slight(loads: ExternalLoads, weight: float) -> list[str]:
+    """Whether plates measured next to nothing, at any time: a cut to where the foot swings is no reason to doubt."""
+    peak = float(np.linalg.norm(loads.force, axis=2).max())
+    plates = (GROUND, GROUND) in zip(loads.force_frame, loads.point_frame, strict=True)
+    if not plates or not 0 < peak < min(_SLIGHT * weight, _SLIGHT_AT_MOST):
+        return []
+    return [
+        f"{loads.name}: the largest force is {peak:.3g} N, {100 * peak / weight:.2g} % of the modelled bodies' weight of "
+        f"{weight:.4g} N: if the file's forces are in kN, multiply them by 1000"
+    ]
 
 
 def _direction(name: str, time: Array, lift: Array, size: Array, loaded: NDArray[np.bool_]) -> list[str]:

@@ -50,10 +50,25 @@ def fit_to_model(motion: Motion, model: MuscleModel) -> Motion:
         at = int(named[j])
         raise MotionError(
             f"motion {motion.name!r}: {model.joint_names[at]} is at {motion.qpos[i, at]:.6g} at {motion.time[i]:.6g} "
-            f"s, where an equality constraint of model {model.name!r} puts it at {rows[i, at]:.6g}: leave it out (it "
-            "follows), or correct the motion"
+            f"s, where an equality constraint of model {model.name!r} puts it at {rows[i, at]:.6g}: "
+            f"{_instead(model, at, rows[i])}, or correct the motion"
         )
     return replace(motion, qpos=rows)
+
+
+def _instead(model: MuscleModel, at: int, position: Array) -> str:
+    """What to do in place of moving coordinate ``at``, which equalities tie: whom it follows at a position."""
+    name = model.joint_names[at]
+    leads: list[str] = []
+    if model.coupling is not None:
+        m = model.mj_model
+        joint = int(m.jnt_qposadr.searchsorted(at, "right")) - 1
+        end = int(m.jnt_dofadr[joint + 1]) if joint + 1 < m.njnt else m.nv
+        share = np.abs(model.coupling.tangent(position)[int(m.jnt_dofadr[joint]) : end]).max(axis=0)
+        leads = [model.dof_names[i] for i in np.flatnonzero(share > _STILL)]
+    if not leads:
+        return f"leave {name!r} out (it stays there)"
+    return f"leave it out and move {' and '.join(map(repr, leads))} instead, which {name!r} follows"
 
 
 def path_of(motion: Motion) -> Path:

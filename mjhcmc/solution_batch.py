@@ -110,8 +110,17 @@ def _status_of(error: MjhcmcError | None) -> SimulationStatus:
     return SimulationStatus.FAILED if isinstance(error, SimulationError) else SimulationStatus.REFUSED
 
 
-def one_each(name: str, given: object, kind: type[T], count: int | None) -> tuple[list[T], int | None]:
+def one_each(
+    name: str, given: object, kind: type[T], count: int | None, *, or_none: bool = False
+) -> tuple[list[T], int | None]:
     """What is given once for all simulations, or once each, as a list; and the number of simulations, if it tells.
+
+    Args:
+        name: of the argument, for messages.
+        given: one, or a sequence.
+        kind: what each must be.
+        count: the number of simulations, where it is known.
+        or_none: whether a sequence may hold None for simulations that go without.
 
     Raises:
         SettingsError: neither one of that kind nor a sequence of them, or another number than elsewhere.
@@ -123,8 +132,9 @@ def one_each(name: str, given: object, kind: type[T], count: int | None) -> tupl
     except TypeError:
         items = [given]  # type: ignore[list-item]
     for i, item in enumerate(items):
-        if not isinstance(item, kind):
-            raise SettingsError(f"{name}[{i}] must be a {kind.__name__}; got {type(item).__name__}")
+        if not isinstance(item, kind) and not (or_none and item is None):
+            what = f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}{' or None' if or_none else ''}"
+            raise SettingsError(f"{name}[{i}] must be {what}; got {type(item).__name__}")
     return items, agreed(name, len(items), count)
 
 

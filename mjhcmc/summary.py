@@ -168,7 +168,9 @@ def _joint_table(solution: Solution, values: Mapping[str, Any]) -> list[str]:
                 f"{values['max_error_deg'][name]:.3g} {angle}",
                 f"{values['rmse_deg'][name]:.3g} {angle}",
                 f"{values['peak_moment_nm'][name]:.3g} {moment}",
-                f"{values['peak_reserve_nm'][name]:.2g} {moment} ({100 * share[j]:.2g} %)",
+                "residual"
+                if solution.is_root[j]
+                else f"{values['peak_reserve_nm'][name]:.2g} {moment} ({100 * share[j]:.2g} %)",
                 "-" if replay is None else f"{replay[name]:.2g} {angle}",
             ]
         )

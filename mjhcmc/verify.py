@@ -126,7 +126,7 @@ def _findings(
         ):
             k = int(np.argmax(np.abs(values[:, j])))
             part = abs(float(values[k, j])) / scale[j]
-            if part > RESERVE_SHARE:
+            if part > RESERVE_SHARE and not solution.is_root[j]:  # there it is a residual, and reported as such
                 found.append(
                     f"{name}: {what} of {values[k, j]:.3g} {unit} at {solution.time[k]:.3f} s, {100 * part:.3g} % of "
                     f"the peak moment{against}; {_why(solution, j, k, float(values[k, j]))}"

@@ -70,9 +70,11 @@ class BodyNames:
             return self.shipped[name]
         if name in self.osim:
             return None
-        known = f"model {self.model.name!r} has {listed([*self.own, *self.shipped])}"
-        known += f"; {self.osim_name} has {listed(sorted(self.osim))}" if self.osim else ""
-        remedy = "map it with bodies" if self.osim else "map it with bodies, or give the measured model as osim"
+        own = list(dict.fromkeys([*self.own, *self.shipped]))
+        known = f"model {self.model.name!r} has {listed(own)}"
+        more = sorted(self.osim.difference(own))
+        known += f"; {self.osim_name} also has {listed(more)}" if more else ""
+        remedy = "REMEDY"
         raise MotionError(f"{self.path}: load {load!r} names body {name!r}, which is not known: {known}: {remedy}")
 
     def check_given(self, named: Iterable[str]) -> None:

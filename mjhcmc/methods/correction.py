@@ -21,6 +21,7 @@ from mjhcmc.allocation_kernels import newton
 from mjhcmc.chunks import in_chunks
 from mjhcmc.dynamics import MuscleMoments
 from mjhcmc.errors import SimulationError
+from mjhcmc.methods.bare import program_of, reserve_of_bare, without_bare
 from mjhcmc.methods.run import reserve_price
 from mjhcmc.qp_back_ends import NEWTON
 from mjhcmc.sensitivity import fill_build_up, fill_response
@@ -131,10 +132,7 @@ def correct(
     """
     b, nv, n = trial.B.shape
     answers, wanted, Q = np.empty((b, nv, n + nv)), np.empty((b, nv)), np.empty((b, nv))
-    low, high, top, excitation = (np.empty((b, n)) for _ in range(4))
-    shortfall, rate, state = np.empty((b, nv)), np.empty(b), np.empty(b, dtype=np.int64)
-    w, a0, cubic = sharing.weigh(trial.gain, trial.bias, trial.start_activation, trial.time)
-    ours, close = sharing.solver == NEWTON and cubic is None, _CLOSE if trial.n_step else _NEAR
+    rate = np.empty(b)
 
     def chunk(first: int, last: int) -> None:
         _linearize(
@@ -142,28 +140,65 @@ def correct(
             trial.B, trial.M, trial.D, trial.K, trial.kp, trial.kv, reach.parameters, trial.step, trial.n_step, answers,
             wanted, Q, rate,
         )  # fmt: skip
+
+    in_chunks(chunk, b, threads)
+    bare = np.abs(trial.B).max(axis=(0, 2)) <= _NO_STRENGTH * np.abs(trial.B).max(initial=0.0)
+    if not (reserves and bare.any()) or bare.all():
+        found = _share_all(trial, reach, sharing, price, (answers, wanted, Q), reserves=reserves, threads=threads)
+        return Correction(sharing.excitation(found[0]), found[2], found[3], rate)
+    rest, back = without_bare(bare, trial, answers, wanted)
+    own = np.ascontiguousarray(price[:, ~bare])
+    excitation, goal, shortfall, errors = _share_all(
+        rest, reach, sharing, own, program_of(rest, *back[:2]), reserves=reserves, threads=threads
+    )
+    price[:, ~bare] = own
+    whole = np.empty((b, nv))
+    whole[:, ~bare] = shortfall
+    whole[:, bare] = reserve_of_bare(bare, trial, answers, wanted, goal, shortfall)
+    return Correction(sharing.excitation(excitation), whole, errors, rate)
+
+
+def _share_all(
+    trial: Trial,
+    reach: Reach,
+    sharing: Sharing,
+    price: Array,
+    seen: tuple[Array, Array, Array],
+    *,
+    reserves: bool,
+    threads: int,
+) -> tuple[Array, Array, Array, dict[int, SimulationError]]:
+    """Excitation and activation (b, n_muscle), shortfall (b, nv), and what fails; seen: answers, wanted, Q."""
+    answers, wanted, Q = seen
+    b, nv, n = trial.B.shape
+    low, high, top, excitation = (np.empty((b, n)) for _ in range(4))
+    goal, shortfall, state = np.full((b, n), np.nan), np.empty((b, nv)), np.empty(b, dtype=np.int64)
+    w, a0, cubic = sharing.weigh(trial.gain, trial.bias, trial.start_activation, trial.time)
+    ours, close = sharing.solver == NEWTON and cubic is None, _CLOSE if trial.n_step else _NEAR
+
+    def chunk(first: int, last: int) -> None:
         _share(
             first, last, trial.start_activation, trial.reserve, trial.activation, trial.B, trial.M, reach.parameters,
             reach.excitation_range, reach.step, reach.n_step, close, trial.cap, sharing.min_activation,
-            sharing.disabled, w, a0, ELASTICITY, reserves, ours, price, answers, wanted, Q, low, high, top, excitation, shortfall, state,
+            sharing.disabled, w, a0, ELASTICITY, reserves, ours, price, answers, wanted, Q, low, high, top, excitation,
+            goal, shortfall, state,
         )  # fmt: skip
 
     in_chunks(chunk, b, threads)
     errors: dict[int, SimulationError] = {}
     if not state.all():
         open_ = np.flatnonzero(state != _SETTLED)
-        goal = np.full((b, n), np.nan)
         program = Program(answers, wanted, Q, low, top)
         errors = share_the_rest(
             open_, trial, sharing, program, (w, a0, price) if ours else None, goal, shortfall, reserves=reserves
         )
         for i in open_.tolist():
             if i in errors:
-                excitation[i], shortfall[i] = 0.0, 0.0
+                excitation[i], shortfall[i], goal[i] = 0.0, 0.0, 0.0
             else:
                 parts = (reach.parameters[i], reach.step, reach.n_step, reach.excitation_range[i])
                 excitation[i] = excitation_for(trial.start_activation[i], goal[i], *parts)
-    return Correction(sharing.excitation(excitation), shortfall, errors, rate)
+    return excitation, goal, shortfall, errors
 
 
 class Program(NamedTuple):
@@ -395,7 +430,7 @@ def settle(  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _share(  # type: ignore[no-untyped-def]
     first, last, a_start, s_end, a_end, B, M, prm, limits, step, n_step, close, cap, least, off, w, a0, elasticity,
-    reserves, ours, price, answers, wanted, Q, low, high, top, excitation, shortfall, state,
+    reserves, ours, price, answers, wanted, Q, low, high, top, excitation, goal, shortfall, state,
 ):  # fmt: skip
     """Share with `settle`, and find the excitations; _OPEN where the allocation is no routine one."""
     n = B.shape[2]
@@ -419,6 +454,7 @@ def _share(  # type: ignore[no-untyped-def]
             continue
         state[b] = _SETTLED
         for m in range(n):
+            goal[b, m] = a[m]
             excitation[b, m] = invert_one(
                 a_start[b, m], a[m], limits[b, m, 0], limits[b, m, 1], low[b, m], high[b, m], prm[b, m, 0],
                 prm[b, m, 1], prm[b, m, 2], step, n_step, close,

@@ -85,7 +85,7 @@ def hcmc_batch(
         solver: as `hcmc`.
         emg: for all simulations, or one each.
         joint_moments: for all simulations, or one each.
-        loads: for all simulations, or one each.
+        loads: for all simulations, or one each, None for those without.
         trials: as `hcmc`.
         tolerance: as `hcmc`.
         gain: as `hcmc`.
@@ -117,7 +117,7 @@ def hcmc_batch(
         targets, _ = one_each("emg", emg, EmgTargets, count)
     forces: list[Any] = [None]
     if loads is not None:
-        forces, _ = one_each("loads", loads, ExternalLoads, count)
+        forces, _ = one_each("loads", loads, ExternalLoads, count, or_none=True)
     starts = {
         name: _rows(name, given, count)
         for name, given in (("qpos", initial_qpos), ("qvel", initial_qvel), ("activation", initial_activation))

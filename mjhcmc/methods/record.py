@@ -133,6 +133,7 @@ class Record:
         held = roles.prescribed
         residual[:, held] = (moment - at_nodes.muscle_moment)[:, held]
         root = roles.is_root & np.isin(np.arange(model.nv), roles.tracked)
+        leg = ~root  # what acts at the root is a residual
         residual[:, root] = np.concatenate([reserve, reserve[-1:]])[:, root]
         given = windows.joint_moments
         everything = {
@@ -168,7 +169,7 @@ class Record:
             reserve=reserve,
             shortfall=shortfall,
             external_load=at_nodes.external_load,
-            status=window_status(moment, reserve, shortfall, self._rate[:n, i] * windows.physics_dt),
+            status=window_status(moment, reserve * leg, shortfall * leg, self._rate[:n, i] * windows.physics_dt),
             muscle_names=model.muscle_names,
             dof_names=model.dof_names,
             coordinate_names=model.joint_names,
