@@ -93,8 +93,8 @@ def _slight(loads: ExternalLoads, weight: float) -> list[str]:
     if not plates or not 0 < peak < min(_SLIGHT * weight, _SLIGHT_AT_MOST):
         return []
     return [
-        f"{loads.name}: the largest force is {peak:.3g} N, {100 * peak / weight:.2g} % of the modelled bodies' weight of "
-        f"{weight:.4g} N: if the file's forces are in kN, multiply them by 1000"
+        f"{loads.name}: the largest force is {peak:.3g} N, {100 * peak / weight:.2g} % of the modelled bodies' weight "
+        f"of {weight:.4g} N: if the file's forces are in kN, multiply them by 1000"
     ]
 
 

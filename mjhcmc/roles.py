@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -47,6 +47,7 @@ class Roles:
     Attributes:
         of: (nv,) the roles, in the order of the degrees of freedom.
         is_root: (nv,) True between the world and the first joint that muscles move.
+        follows: of dependent degrees of freedom, those that they follow in the reference pose, for messages.
         tracked: (nz,) indices of those that are tracked.
         dependent: (nd,) of those that are dependent.
         prescribed: (np,) of those that are prescribed.
@@ -55,6 +56,7 @@ class Roles:
 
     of: tuple[Role, ...]
     is_root: NDArray[np.bool_]
+    follows: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
 
     def _which(self, role: Role) -> NDArray[np.intp]:
         return np.flatnonzero([own == role for own in self.of]).astype(np.intp)
@@ -80,7 +82,7 @@ class Roles:
         for role, dofs in changes.items():
             for i in dofs:
                 of[i] = role
-        return Roles(tuple(of), self.is_root)
+        return Roles(tuple(of), self.is_root, self.follows)
 
 
 def find_roles(m: Any, muscles: NDArray[np.intp]) -> Roles:
@@ -110,7 +112,16 @@ def find_roles(m: Any, muscles: NDArray[np.intp]) -> Roles:
     for i in dependent:
         roles[i] = Role.DEPENDENT
         root[i] = False
-    return Roles(tuple(roles), root)
+    return Roles(tuple(roles), root, _follows(m, dependent))
+
+
+def _follows(m: Any, dependent: Sequence[int]) -> dict[int, tuple[int, ...]]:
+    """The independent degrees of freedom that move each dependent one, in the reference pose."""
+    if not dependent:
+        return {}
+    J, others = equality_jacobian(*_at_reference(m)), np.setdiff1d(np.arange(m.nv), dependent)
+    share = np.linalg.lstsq(J[:, dependent], J[:, others], rcond=None)[0]
+    return {i: tuple(others[np.abs(row) > _ARM].tolist()) for i, row in zip(dependent, share, strict=True)}
 
 
 def moved_by_muscles(m: Any, muscles: NDArray[np.intp], dependent: Sequence[int] = ()) -> NDArray[np.bool_]:
@@ -249,9 +260,12 @@ def roles_by_name(
             seen[name] = role
             dofs = dofs_of[name].tolist()
             if any(roles.of[i] == Role.DEPENDENT for i in dofs):
+                leads = {lead for i in dofs for lead in roles.follows.get(i, ())}
+                led_by = [repr(own) for own, its in dofs_of.items() if len(its) == 1 and its[0] in leads]
+                instead = f"{' and '.join(led_by)}, which it follows" if led_by else "the joint that it follows"
                 raise SettingsError(
-                    f"{role}: an equality constraint ties joint {name!r} to others: name the joint that it follows, or "
-                    "remove the equality"
+                    f"{role}: an equality constraint ties joint {name!r} to others: name {instead}, or remove the "
+                    "equality"
                 )
             changes.setdefault(role, []).extend(dofs)
     return roles.changed(changes)

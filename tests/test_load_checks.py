@@ -13,6 +13,7 @@ from load_tools import (
 )
 from numpy.testing import assert_allclose
 
+import mjhcmc
 from mjhcmc import MjhcmcWarning, Motion
 from mjhcmc.external_loads import ExternalLoads, suspicious
 from mjhcmc.io.opensim import read_table, write_table
@@ -68,6 +69,29 @@ def test_a_pull_in_a_bodys_own_frame_may_point_anywhere(leg):
     assert suspicious(loads, leg, motion(0, 1, qpos=STANDING)) == []
 
 
+def test_a_force_in_a_bodys_frame_is_looked_at_in_the_world(leg):
+    """The leg lies forward, knee straight: the foot's z axis is the world's horizontal."""
+    lying = [0, -0.02, 0, 1.5, 0, 0]
+    (message,) = suspicious(under_foot(leg, lying, force_frame=("foot",)), leg, motion(0, 1, qpos=lying))
+    assert "pushes the body more aside than up" in message
+    assert suspicious(under_foot(leg, STANDING, force_frame=("foot",)), leg, motion(0, 1, qpos=STANDING)) == []
+
+
+def test_a_ground_reaction_in_kilonewtons(leg):
+    (message,) = suspicious(under_foot(leg, STANDING, force=(0, 0, 0.8)), leg, motion(0, 1, qpos=STANDING))
+    assert message.startswith("plates: the largest force is 0.8 N, 0.18 % of the modelled bodies' weight of 433.6 N")
+    assert "in kN" in message
+    for push, frames in (((0, 0, 10), {}), ((0, 0, 0), {}), ((0, 0, 0.8), {"force_frame": ("foot",)})):
+        loads = under_foot(leg, STANDING, force=push, **frames)
+        assert suspicious(loads, leg, motion(0, 1, qpos=STANDING)) == []
+
+
+def test_a_flight_phase_of_a_sound_file_is_no_reason_to_doubt(leg):
+    loads = under_foot(leg, STANDING, time=(0.0, 1.0, 2.0))
+    force = np.array([0.0, 0.0, 700.0])[:, None, None] * np.array([0, 0, 1.0])
+    assert suspicious(dataclasses.replace(loads, force=force), leg, motion(0, 1, qpos=STANDING)) == []
+
+
 @pytest.fixture(scope="module")
 def walk(walk_folder, leg):
     """The right foot's loads, the motion of pelvis and leg, and the plain columns of the same forces."""
@@ -105,6 +129,8 @@ def test_the_walks_plain_table_with_a_map_is_the_same(walk, walk_folder, leg):
 def test_the_walks_loads_fit_its_motion_and_only_its(walk, walk_folder, leg):
     loads, motion, _ = walk
     assert suspicious(loads, leg, motion) == []
+    (in_kilonewtons,) = suspicious(dataclasses.replace(loads, force=loads.force / 1000), leg, motion)
+    assert "in kN" in in_kilonewtons
     late = dataclasses.replace(loads, time=loads.time + 0.4)
     assert any("share a clock" in message for message in suspicious(late, leg, motion))
     path = walk_folder / "subject01_walk_grf.xml"
@@ -126,3 +152,17 @@ def test_the_walk_in_mm_is_warned_of(walk_folder, leg, tmp_path):
         ExternalLoads.from_file(
             walk_folder / "subject01_walk_grf.xml", leg, data=tmp_path / "mm.mot", osim=walk_folder / "subject01.osim"
         )
+
+
+def test_a_batch_may_hold_movements_without_loads(two_joints):
+    still = mjhcmc.Motion.cosine(two_joints, amplitudes={"elbow": 0.1}, period=0.2, cycles=1)
+    push = constant(body="lower", force=(0.5, 0, 0), point_frame=("lower",), force_frame=("lower",))
+    batch = mjhcmc.hcmc_batch(two_joints, [still, still], loads=[push, None])
+    for solution, loads in zip(batch, (push, None), strict=True):
+        alone = mjhcmc.hcmc(two_joints, still, loads=loads)
+        np.testing.assert_array_equal(solution.excitation, alone.excitation)
+    assert np.abs(batch[0].excitation - batch[1].excitation).max() > 1e-4
+    with pytest.raises(mjhcmc.SettingsError, match=r"loads\[1\] must be an ExternalLoads or None; got str"):
+        mjhcmc.hcmc_batch(two_joints, [still, still], loads=[push, "grf.xml"])
+    with pytest.raises(mjhcmc.SettingsError, match=r"motions\[1\] must be a Motion; got NoneType"):
+        mjhcmc.hcmc_batch(two_joints, [still, None])

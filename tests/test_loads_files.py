@@ -172,6 +172,22 @@ def test_a_body_in_neither_model_is_an_error_that_lists_the_valid_ones(files, le
         ExternalLoads.from_file(files(one_force(point_frame="hoof")), leg)
 
 
+def test_an_unknown_body_lists_each_known_one_once_and_a_remedy_for_both_callers(files):
+    leg = build(custom='<custom><text name="opensim_bodies" data="pelvis=pelvis calcn_r=foot"/></custom>')
+    path = files(one_force(body="hoof_r"))
+    for osim, remedy in (
+        (None, "or give the measured model with osim= (on the command line --osim"),
+        (BODIES, "name,"),
+    ):
+        with pytest.raises(MotionError) as raised:
+            ExternalLoads.from_file(path, leg, osim=osim)
+        known = str(raised.value).partition("not known:")[2]
+        assert known.count("pelvis") == known.count("calcn_r") == 1
+        assert remedy in known
+        assert "bodies=" in known
+        assert "--loads-map" in known
+
+
 def test_the_callers_map_goes_before_names_and_the_models_text(files, leg):
     assert ExternalLoads.from_file(files(), leg, bodies={"calcn_r": "shank"}).body == ("shank",)
     assert ExternalLoads.from_file(files(one_force(body="thigh")), leg).body == ("thigh",)

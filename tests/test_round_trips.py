@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from conftest import load_xml
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from motion_tools import CART, LEG, WALK, Leg
+from riders import FREE, RIDER
 
 import mjhcmc
 from mjhcmc.errors import OutputError
@@ -17,11 +19,6 @@ from mjhcmc.motion import Motion
 
 TIME = np.linspace(0.6, 1.9, 27)
 QPOS = np.column_stack([0.5 * np.sin(7 * TIME), -1 + 0.9 * np.cos(5 * TIME), 0.3 * np.sin(11 * TIME)])
-FREE = """
-<mujoco model="free"><worldbody><body><{joint}/><geom size=".1"/><site name="a"/>
-<body pos="0 0 1"><joint name="hinge"/><geom size=".1"/><site name="b" pos=".1 0 0"/></body></body></worldbody>
-</mujoco>
-"""
 
 
 @pytest.fixture
@@ -124,15 +121,41 @@ def test_motions_that_cannot_be_written_leave_nothing(tmp_path, motion, change, 
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(("joint", "named"), [('joint name="root" type="ball"', "root"), ("freejoint", "number 0")])
-def test_ball_and_free_joints_have_no_column(tmp_path, motion, joint, named):
-    import mujoco
+@pytest.fixture(scope="module")
+def rider():
+    """A leg under a free pelvis, 1 m up."""
+    return load_xml(RIDER.format(root=FREE))
 
-    class Model(Leg):
-        mj_model = mujoco.MjModel.from_xml_string(FREE.format(joint=joint))
 
-    with pytest.raises(OutputError, match=rf"joint '{named}' of model leg is no hinge or slide"):
-        write_motion(motion, Model(), tmp_path / "m.mot")
+def test_a_free_joint_that_stays_is_left_out_and_held_there(tmp_path, rider):
+    motion = mjhcmc.Motion.cosine(rider, amplitudes={"knee": 0.5}, period=1.0)
+    path = motion.save(tmp_path / "m.mot", rider, angle_unit="rad")
+    assert read_table(path).columns == ("hip", "knee")
+    np.testing.assert_array_equal(Motion.from_file(path, rider).qpos, motion.qpos)
+
+
+@pytest.mark.parametrize(("angle_unit", "tolerance"), [("rad", 0.0), ("deg", 1e-15)])
+def test_a_free_joint_that_moves_has_a_column_a_coordinate(tmp_path, rider, angle_unit, tolerance):
+    half = 0.4 * np.sin(3 * TIME)
+    qpos = np.tile(rider.qpos_reference, (len(TIME), 1))
+    qpos[:, 0], qpos[:, 3], qpos[:, 5] = 0.9 * TIME, np.cos(half), np.sin(half)
+    qpos[:, 7:] = QPOS[:, :2]
+    motion = Motion(TIME, qpos).on(rider, rider.quaternions)
+    path = motion.save(tmp_path / "m.mot", rider, angle_unit=angle_unit)
+    table = read_table(path)
+    assert table.columns == rider.joint_names
+    np.testing.assert_array_equal(table.values[:, :7], motion.qpos[:, :7])  # metres and quaternions in any unit
+    back = Motion.from_file(path, rider)
+    np.testing.assert_allclose(back.qpos, motion.qpos, rtol=0, atol=tolerance)
+    again = back.on(rider, rider.quaternions).sample(TIME)
+    np.testing.assert_allclose(again.qvel, motion.sample(TIME).qvel, atol=1e-9)
+
+
+def test_a_leg_that_only_rides_is_written_whole(tmp_path, rider):
+    """Without hip and knee in the file there would be no motion to read: joints that are led do not make one."""
+    still = Motion(TIME, np.tile(rider.qpos_reference, (len(TIME), 1)))
+    path = still.save(tmp_path / "m.mot", rider)
+    np.testing.assert_array_equal(Motion.from_file(path, rider).qpos, still.qpos)
 
 
 def test_joints_without_a_map_go_by_their_own_names(tmp_path, two_joints):

@@ -74,7 +74,12 @@ class BodyNames:
         known = f"model {self.model.name!r} has {listed(own)}"
         more = sorted(self.osim.difference(own))
         known += f"; {self.osim_name} also has {listed(more)}" if more else ""
-        remedy = "REMEDY"
+        remedy = (
+            "correct the name, or map it with bodies= (on the command line --loads-map, with a table)"
+            if self.osim
+            else "map it with bodies=, or give the measured model with osim= (on the command line --osim, or "
+            "--loads-map with a table)"
+        )
         raise MotionError(f"{self.path}: load {load!r} names body {name!r}, which is not known: {known}: {remedy}")
 
     def check_given(self, named: Iterable[str]) -> None:

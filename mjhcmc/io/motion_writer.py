@@ -1,6 +1,7 @@
 """A Motion written as a table that OpenSim's tools take for coordinates."""
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +16,8 @@ from mjhcmc.motion import Motion
 
 Array = NDArray[np.float64]
 
+_STILL = 1e-12  # m, or of a quaternion: rounding of its length
+
 
 def write_motion(
     motion: Motion,
@@ -28,7 +31,9 @@ def write_motion(
 
     A column a joint, in the model's order, under the name and with the sign that the model's column map gives it
     (OpenSim's coordinate, where the model ships that), else under its own name. Hinges in degrees or radians, as the
-    header's inDegrees says, slides in m.
+    header's inDegrees says, slides in m. Ball and free joints have a column a coordinate (JOINT_tx .. JOINT_qz, m and
+    the parts of a unit quaternion), which `Motion.from_file` reads and OpenSim has no use for; one that stays in the
+    model's reference pose, where reading holds what a file does not name, is left out.
 
     Radians come back bit for bit. Degrees are rounded twice on the way, and come back within 2 units in the last place
     (some 1e-16 of the angle).
@@ -46,8 +51,8 @@ def write_motion(
         The path.
 
     Raises:
-        OutputError: a suffix other than these, an unknown unit, a model whose joints are not all hinges and slides, or
-            not those of the motion, a name that OpenSim cannot read, or a file that cannot be written.
+        OutputError: a suffix other than these, an unknown unit, a model whose joints are not those of the motion, a
+            name that OpenSim cannot read, or a file that cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -56,31 +61,32 @@ def write_motion(
         )
     if angle_unit not in ("deg", "rad"):
         raise OutputError(f"{path}: angle_unit {angle_unit!r}: choose 'deg' or 'rad'")
-    names, signs = _columns(path, motion, model)
+    _check_joints(path, motion, model)
     time, qpos = _rows(motion, lead)
-    values = np.where(signs < 0, 0.0 - qpos, qpos)  # 0 - x: no -0.0
+    kept = _kept(model, qpos)
+    names, signs = _columns(path, model, kept)
+    values = np.where(signs < 0, 0.0 - qpos[:, kept], qpos[:, kept])  # 0 - x: no -0.0
     if angle_unit == "deg":
-        values = np.where(np.asarray(model.joint_is_rotation), _degrees(values), values)
+        values = np.where(np.asarray(model.joint_is_rotation)[kept], _degrees(values), values)
     text = table_text(path, names, time, values, name=_table_name(motion.name), in_degrees=angle_unit == "deg")
     with written_whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
     return path
 
 
-def _columns(path: Path, motion: Motion, model: JointModel) -> tuple[list[str], Array]:
-    """(nq) name and sign of each joint's column."""
+def _check_joints(path: Path, motion: Motion, model: JointModel) -> None:
+    """Raise OutputError unless the motion moves the model's joints."""
     joints = tuple(model.joint_names)
-    odd = _not_hinge_or_slide(getattr(model, "mj_model", None))
-    if odd:
-        raise OutputError(
-            f"{path}: cannot be written: joint {odd!r} of model {model.name} is no hinge or slide, and OpenSim's "
-            "tables hold a column a coordinate: leave it to the tables that Solution.save writes"
-        )
     if motion.qpos.shape[1] != len(joints) or (motion.joint_names and tuple(motion.joint_names) != joints):
         raise OutputError(
             f"{path}: cannot be written: {motion.name} moves {', '.join(motion.joint_names) or motion.qpos.shape[1]}, "
             f"model {model.name} has the joints {', '.join(joints)}: give the model that the motion was made for"
         )
+
+
+def _columns(path: Path, model: JointModel, kept: list[int]) -> tuple[list[str], Array]:
+    """Name and sign of each kept coordinate's column."""
+    joints = [model.joint_names[i] for i in kept]
     mapped = [model.column_map.get(joint, joint) for joint in joints]
     names = [name.removeprefix("-") for name in mapped]
     for joint, name in zip(joints, names, strict=True):
@@ -92,15 +98,36 @@ def _columns(path: Path, motion: Motion, model: JointModel) -> tuple[list[str], 
     return names, np.array([-1.0 if name.startswith("-") else 1.0 for name in mapped])
 
 
-def _not_hinge_or_slide(m: Any) -> str | None:
-    """Name of the first ball or free joint of a compiled model, if any."""
+def _kept(model: JointModel, qpos: Array) -> list[int]:
+    """Coordinates to write: all but those of ball and free joints that stay in the reference pose.
+
+    All where a file without them could not be read: see `match_columns`.
+    """
+    silent: Mapping[str, bool] = getattr(model, "may_be_silent", {})
+    every = list(range(qpos.shape[1]))
+    away = np.abs(qpos - np.asarray(model.qpos_reference)).max(axis=0) > _STILL
+    left = {
+        i
+        for joint in _many_coordinates(getattr(model, "mj_model", None))
+        if not away[joint].any() and all(model.joint_names[i] in silent for i in joint)
+        for i in joint
+    }
+    kept = [i for i in every if i not in left]
+    return kept if any(not silent.get(model.joint_names[i], False) for i in kept) else every
+
+
+def _many_coordinates(m: Any) -> list[list[int]]:
+    """The coordinates of each ball and free joint of a compiled model."""
     if m is None:
-        return None
+        return []
     import mujoco
 
-    scalar = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-    odd = [i for i, kind in enumerate(m.jnt_type) if int(kind) not in scalar]
-    return (m.joint(odd[0]).name or f"number {odd[0]}") if odd else None
+    sizes = {int(mujoco.mjtJoint.mjJNT_BALL): 4, int(mujoco.mjtJoint.mjJNT_FREE): 7}
+    return [
+        list(range(int(at), int(at) + sizes[int(kind)]))
+        for at, kind in zip(m.jnt_qposadr, m.jnt_type, strict=True)
+        if int(kind) in sizes
+    ]
 
 
 def _rows(motion: Motion, lead: bool) -> tuple[Array, Array]:

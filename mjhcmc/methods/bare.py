@@ -5,7 +5,7 @@ with A da + T ds = w, rows r and the others m, and X = T_mr T_rr^-1,
 
     (A_m - X A_r) da + (T_mm - X T_rm) ds_m = w_m - X w_r,    ds_r = T_rr^-1 (w_r - A_r da - T_rm ds_m)
 
-Left in, reserves of other joints would be used to keep the peace between them: the cost is of T s, and T is not diagonal.
+Left in, reserves of other joints would be used beside them: what is priced is T s, and T is not diagonal.
 """
 
 from __future__ import annotations
