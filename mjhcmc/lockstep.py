@@ -196,6 +196,13 @@ class Lockstep:
         failed = set[int]()
         h = times * self.physics_dt
         plan = outside.plan(ids, rows[:, self.layout.time], h, n_step)
+        if outside.at_rest(plan):
+            outside.lead(start, plan, 0)
+            batch.state[where] = start
+            failed = self._call(batch, batch.step, ids, n_step)
+            start = batch.state[where].copy()
+            outside.lead(start, plan, n_step)
+            return without(failed, ids, start)
         for j in range(n_step):
             outside.lead(start, plan, j)
             start[:, self._applied] = reserve + plan.force[:, j]

@@ -178,9 +178,13 @@ class MujocoPlant:
             mujoco.mj_step(m, d, nstep=n_step)
         else:
             plan = outside.plan(np.zeros(1, dtype=np.intp), np.array([d.time]), step, n_step)
-            for j in range(n_step):
-                self._surround(outside, plan, j, step / 2, fresh=j == 0)
-                mujoco.mj_step(m, d)
+            if outside.at_rest(plan):
+                self._lead(outside, plan, 0)
+                mujoco.mj_step(m, d, nstep=n_step)
+            else:
+                for j in range(n_step):
+                    self._surround(outside, plan, j, step / 2, fresh=j == 0)
+                    mujoco.mj_step(m, d)
             self._lead(outside, plan, n_step)
         m.opt.timestep = self.physics_dt
 

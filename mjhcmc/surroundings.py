@@ -179,6 +179,10 @@ class Outside:
                 part[:, :, : values.shape[1]] = values.reshape(b, n_step, -1, 3)
         return Plan(external, external + force, qpos, qvel, loads)  # type: ignore[arg-type]
 
+    def at_rest(self, plan: Plan) -> bool:
+        """Whether nothing changes from step to step: what is prescribed stands still, and nothing else acts."""
+        return not (self.on_bodies or plan.qvel.any() or plan.force.any())
+
     def lead(self, rows: Array, plan: Plan, j: int) -> None:
         """Put prescribed coordinates of rows (b, n_row) where they are at the start of step j."""
         if len(self._prescribed):

@@ -197,7 +197,15 @@ class HcmcDriver:
         found = self._team.plants.linearize(
             ids, rows, self._team.reserve[self._which(ids)], stiffness=stiffness, damping=self._sharing.counts_forces
         )
-        return found if self._space.all_tracked else self._seen(found, self._weights(node, ids, found.M))
+        if self._space.all_tracked:
+            return found
+        if self._space.simple:
+            t = self._space.tracked
+            rows, square = np.s_[:, t], np.ix_(np.arange(len(ids)), t, t)
+            K = None if found.K is None else found.K[square]
+            qacc, M, B, D = found.qacc[rows], found.M[square], found.B[rows], found.D[square]
+            return found._replace(qacc=qacc, M=M, B=B, D=D, K=K)
+        return self._seen(found, self._weights(node, ids, found.M))
 
     def _weights(self, node: int, ids: Ids, M: Array) -> Array:
         """W (b, nv, nz) of `coordinates`; the tangent is that of the desired motion."""
