@@ -201,9 +201,9 @@ class HcmcDriver:
             return found
         if self._space.simple:
             t = self._space.tracked
-            rows, square = np.s_[:, t], np.ix_(np.arange(len(ids)), t, t)
+            square = np.ix_(np.arange(len(ids)), t, t)
             K = None if found.K is None else found.K[square]
-            qacc, M, B, D = found.qacc[rows], found.M[square], found.B[rows], found.D[square]
+            qacc, M, B, D = found.qacc[:, t], found.M[square], found.B[:, t], found.D[square]
             return found._replace(qacc=qacc, M=M, B=B, D=D, K=K)
         return self._seen(found, self._weights(node, ids, found.M))
 
