@@ -9,12 +9,12 @@ import mjhcmc
 model = mjhcmc.MuscleModel.load("leg8")
 motion = mjhcmc.Motion.cosine(model, "slow")
 
-# Numbers of their own for 12 legs, by the names of MjModel's fields: one row a simulation.
+# Numbers of their own for 6 legs, by the names of MjModel's fields: one row a simulation.
 rng = np.random.default_rng(1)
-mass = model.mj_model.body_mass * rng.uniform(0.8, 1.2, (12, 1))
-gain = np.repeat(model.mj_model.actuator_gainprm[None], 12, axis=0)
-gain[:, :, 2] *= rng.uniform(0.7, 1.3, (12, 8))  # max isometric force, N
-mass[7, 2] = np.nan  # a slip
+mass = model.mj_model.body_mass * rng.uniform(0.8, 1.2, (6, 1))
+gain = np.repeat(model.mj_model.actuator_gainprm[None], 6, axis=0)
+gain[:, :, 2] *= rng.uniform(0.7, 1.3, (6, 8))  # max isometric force, N
+mass[4, 2] = np.nan  # a slip
 
 with warnings.catch_warnings(record=True) as told:
     warnings.simplefilter("always")

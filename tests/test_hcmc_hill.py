@@ -263,10 +263,9 @@ def test_costs_and_solvers_on_hill_muscles(leg8, swing):
     plain = mjhcmc.hcmc(leg8, swing, dt=0.02, plant=mjhcmc.HillPlant(leg8))
     daqp = mjhcmc.hcmc(leg8, swing, dt=0.02, solver="daqp", plant=mjhcmc.HillPlant(leg8))
     np.testing.assert_allclose(daqp.excitation, plain.excitation, atol=1e-3)
-    for cost in ("cubic", "capacity"):
-        other = mjhcmc.hcmc(leg8, swing, dt=0.02, cost=cost, plant=mjhcmc.HillPlant(leg8))
-        assert other.verdict.passed
-        assert np.abs(other.excitation - plain.excitation).max() > 1e-2  # it does choose otherwise
+    other = mjhcmc.hcmc(leg8, swing, dt=0.02, cost="cubic", plant=mjhcmc.HillPlant(leg8))
+    assert other.verdict.passed
+    assert np.abs(other.excitation - plain.excitation).max() > 1e-2  # it does choose otherwise
     off = mjhcmc.hcmc(leg8, swing, dt=0.02, disabled=["rect_fem"], plant=mjhcmc.HillPlant(leg8))
     assert off.excitation[:, leg8.muscle_names.index("rect_fem")].max() == 0.01  # its tone
     assert off.verdict.passed

