@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from mjhcmc.methods.correction import Trial
+    from mjhcmc.methods.trial import Trial
 
 Array = NDArray[np.float64]
 Which = NDArray[np.bool_]

@@ -13,8 +13,9 @@ from mjhcmc.chunks import in_chunks
 from mjhcmc.errors import SimulationError
 from mjhcmc.hosted.lockstep import HillLockstep, MuscleView
 from mjhcmc.hosted.window import excite, reach
-from mjhcmc.methods.correction import Correction, Program, Trial, settle, share_the_rest
+from mjhcmc.methods.correction import settle, share_the_rest
 from mjhcmc.methods.force_response import linearize
+from mjhcmc.methods.trial import Correction, Program, Trial
 from mjhcmc.qp_back_ends import NEWTON
 from mjhcmc.sharing import Sharing
 

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from mjhcmc.beside import FEW
 from mjhcmc.clamps import activation_cap
 from mjhcmc.linearization import Linearization
-from mjhcmc.methods.correction import Correction, Reach, Trial, correct
+from mjhcmc.methods.correction import correct
 from mjhcmc.methods.record import diverged, padded
 from mjhcmc.methods.run import Team
+from mjhcmc.methods.trial import Correction, Reach, Trial
 from mjhcmc.methods.windows import decay_rate
 from mjhcmc.motion import Reference
 from mjhcmc.plant import RK4_LIMIT
