@@ -163,8 +163,7 @@ def test_the_sources_own_document_gives_leg8(documents: Path) -> None:
     assert text_of(own, "opensim_muscles") == text_of(leg8, "opensim_muscles")
 
 
-@pytest.mark.parametrize("moving_knee", [False, True])
-@pytest.mark.parametrize("name", ["own", "uneven", "large"])
+@pytest.mark.parametrize(("name", "moving_knee"), [("own", False), ("own", True), ("uneven", True), ("large", False)])
 def test_lengths_and_moment_arms_follow_any_subject(documents: Path, name: str, moving_knee: bool) -> None:
     """Within the figures to reach, for subjects of any proportions, without any shift of lengths."""
     leg = OsimLeg(read_osim(documents / f"{name}.osim"), "right")
@@ -180,8 +179,7 @@ def test_lengths_and_moment_arms_follow_any_subject(documents: Path, name: str, 
     assert rms_length[free].max() < 2e-6
 
 
-@pytest.mark.parametrize("moving_knee", [False, True])
-@pytest.mark.parametrize("femur", [0.85, 1.25])
+@pytest.mark.parametrize(("femur", "moving_knee"), [(0.85, True), (1.25, False)])
 def test_lengths_have_no_jumps_over_the_whole_range(tmp_path: Path, femur: float, moving_knee: bool) -> None:
     """No step along a joint changes a length by more than the moment arm says; wraps that flip would."""
     path = write_osim(tmp_path / "own.osim", size={"pelvis": 1.0, "femur": femur, "tibia": 1.1, "foot": 1.0})
