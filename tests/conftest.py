@@ -1,6 +1,10 @@
 """Models that the tests share: the leg, and small ones whose answers are known in closed form."""
 
+import os
 from pathlib import Path
+
+# two workers on two cores: threads of their own would only be in each other's way; workers inherit it
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from cli_tools import mot, no_figures, run
