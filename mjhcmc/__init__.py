@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from mjhcmc.external_loads import ExternalLoads
     from mjhcmc.hosted.plant import HillPlant
     from mjhcmc.io.export import export_opensim
+    from mjhcmc.imposed import Imposed
     from mjhcmc.joint_moments import JointMoments
     from mjhcmc.methods.cmc import cmc
     from mjhcmc.methods.hcmc import hcmc
@@ -57,6 +58,7 @@ _HOME = {
     "EmgTargets": "emg_targets",
     "ExternalLoads": "external_loads",
     "HillPlant": "hosted.plant",
+    "Imposed": "imposed",
     "JointMoments": "joint_moments",
     "MjhcmcError": "errors",
     "MjhcmcWarning": "errors",
@@ -95,6 +97,7 @@ __all__ = [
     "EmgTargets",
     "ExternalLoads",
     "HillPlant",
+    "Imposed",
     "JointMoments",
     "MjhcmcError",
     "MjhcmcWarning",

@@ -13,7 +13,8 @@ import copy
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import cached_property
-from typing import Any, Protocol
+from types import SimpleNamespace
+from typing import Any, NamedTuple, Protocol
 
 import mujoco
 import numpy as np
@@ -21,7 +22,7 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
 from mjhcmc.beside import FEW, Beside
-from mjhcmc.dynamics import POSITION_STEP, VELOCITY_STEP, NodeForces, forces_from
+from mjhcmc.dynamics import POSITION_STEP, VELOCITY_STEP, NodeForces, fiber_damping, forces_from
 from mjhcmc.linearization import (
     Array,
     Bound,
@@ -43,11 +44,28 @@ _AT_NODES = (
     "qacc", "M", "qfrc_passive", "qfrc_actuator", "qfrc_bias", "qfrc_constraint", "actuator_force", "actuator_velocity",
     "ten_velocity", "qfrc_smooth", "qfrc_applied",
 )  # fmt: skip
+_OF_MUSCLES = ("actuator_length", "actuator_velocity", "actuator_force", "ten_velocity")
 _VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 NEAR = 1e-3
 """rad or m from a joint's limit, from where on it may hold the joint."""
 
 _NODES_AT_ONCE = 1024  # bounds the memory of the pass over a long record
+
+
+class Seen(NamedTuple):
+    """What is seen of simulations at states.
+
+    Attributes:
+        qacc: (b, nv) rad/s^2 or m/s^2.
+        path: (b, n_muscle, 2) m and m/s, musculotendon length and velocity.
+        force: (b, n_muscle) N, of the muscles' actuators, pulling positive; see `Lockstep.pulled`.
+        ten_velocity: (b, ntendon) m/s.
+    """
+
+    qacc: Array
+    path: Array
+    force: Array
+    ten_velocity: Array
 
 
 class Plants(Protocol):
@@ -225,6 +243,36 @@ class Lockstep:
         batch.state[where] = under
         failed |= self._call(batch, batch.forward, ids)
         return without(failed, ids, self._qacc[where].copy())
+
+    @cached_property
+    def _seen_muscles(self) -> Bound:
+        return Bound(self._batches[1.0], self._models[0], _OF_MUSCLES)
+
+    def path(self, ids: Ids, rows: Array) -> Array:
+        """(b, n_muscle, 2) m and m/s, musculotendon length and velocity at states."""
+        batch, where = self._batches[1.0], self._where(ids)
+        batch.state[where] = rows[:, : batch.state.shape[1]]
+        self._call(batch, batch.forward, ids, _VELOCITIES)
+        return self._path(where)
+
+    def _path(self, where: Index) -> Array:
+        bound = self._seen_muscles
+        columns = (bound.actuator_length[where][:, bound.muscles], bound.actuator_velocity[where][:, bound.muscles])
+        return np.ascontiguousarray(np.stack(columns, axis=-1))
+
+    def look(self, ids: Ids, rows: Array, reserve: Array) -> Seen:
+        """Acceleration and muscles at states, under reserves (b, nv) N m; accelerations are NaN where MuJoCo fails."""
+        qacc, where, bound = self.acceleration(ids, rows, reserve), self._where(ids), self._seen_muscles
+        force = -bound.actuator_force[where][:, bound.muscles]
+        return Seen(qacc, self._path(where), force, bound.ten_velocity[where].copy())
+
+    def pulled(self, i: int, seen: Seen) -> Array:
+        """(k, n_muscle) N, tendon forces of simulation i in k looks, fiber damping included."""
+        model = self._models[i]
+        velocity = np.zeros((len(seen.force), model.mj_model.nu))
+        velocity[:, model.mj_model.actuator_outadr[model.muscle_ids]] = seen.path[:, :, 1]
+        at = SimpleNamespace(actuator_velocity=velocity, ten_velocity=seen.ten_velocity)
+        return np.asarray((seen.force + fiber_damping(model, at)) * model.path_gear)
 
     def linearize(
         self, ids: Ids, rows: Array, reserve: Array, *, stiffness: bool = False, damping: bool = False

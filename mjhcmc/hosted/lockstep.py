@@ -24,7 +24,7 @@ from mjhcmc.hosted.curves import CompiledCurves
 from mjhcmc.hosted.muscles import HostedMuscles, bodies_of
 from mjhcmc.hosted.stages import accelerate, advance_stage, pull, read_muscles, read_slopes_around
 from mjhcmc.linearization import Array, Bound, Ids, Linearization, without
-from mjhcmc.lockstep import Lockstep
+from mjhcmc.lockstep import Lockstep, Seen
 from mjhcmc.lockstep_kernels import fill_nodes, put_around
 from mjhcmc.model import MuscleModel
 from mjhcmc.plant import State
@@ -141,13 +141,18 @@ class HillLockstep(Lockstep):
         path = self.path(np.array([i]), row[None])[0]
         return self._all[i].equilibrium(row[self.layout.activation], path[:, 0], path[:, 1], lenient=True)
 
-    def path(self, ids: Ids, rows: Array) -> Array:
-        """(b, n_muscle, 2) m and m/s, musculotendon length and velocity at states."""
-        batch, bound, where = self._batches[1.0], self._bound, self._where(ids)
-        batch.state[where] = rows[:, : self._n_state]
-        batch.forward(None if len(ids) == self.count else ids, _VELOCITIES)
-        columns = (bound.actuator_length[where][:, bound.muscles], bound.actuator_velocity[where][:, bound.muscles])
-        return np.ascontiguousarray(np.stack(columns, axis=-1))
+    def look(self, ids: Ids, rows: Array, reserve: Array) -> Seen:
+        """See `lockstep.Lockstep.look`; forces are the tendons'."""
+        batch, where = self._batches[1.0], self._where(ids)
+        start, failed = self._under(ids, rows, reserve)
+        batch.state[where] = start[:, : self._n_state]
+        found = self._pull(batch, self._bound, _Call.of(self, ids), start, failed)
+        still = np.zeros((len(ids), self._models[0].mj_model.ntendon))
+        return Seen(without(failed, ids, found.qacc), self._path(where), found.force, still)
+
+    def pulled(self, i: int, seen: Seen) -> Array:
+        """See `lockstep.Lockstep.pulled`."""
+        return seen.force
 
     def step(self, ids: Ids, rows: Array, excitation: Array, reserve: Array, n_step: int, times: float = 1.0) -> Array:
         """See `Plants`."""

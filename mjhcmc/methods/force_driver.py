@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mjhcmc.hosted.lockstep import HillLockstep, MuscleView
 from mjhcmc.methods.force_correction import Ahead, correct_forces
-from mjhcmc.methods.hcmc_driver import HcmcDriver, Ids, Index
+from mjhcmc.methods.hcmc_driver import HcmcDriver, Ids, Index, floors_of
 from mjhcmc.methods.run import Team
 
 if TYPE_CHECKING:
@@ -56,10 +56,12 @@ class ForceDriver(HcmcDriver):
         least = np.minimum(self._sharing.min_activation, limits[:, :, 1])
         low = np.where(self._sharing.disabled, limits[:, :, 0], np.maximum(limits[:, :, 0], least))
         self._limits = np.stack([low, limits[:, :, 1]], axis=-1)
+        self._imposed = floors_of([w.imposed for w in team.windows], int(team.count.max()), low)
 
     def window(self, k: int, ids: Ids, rows: Array) -> Array:
         """See `run.Driver` and the module's docstring."""
         team, plants, at = self._team, self._plants, self._which(ids)
+        self._impose(k, at)
         if k == 0:
             self._look_around(ids, at, rows)
         kp, kv, goal, expected = self._aim(k, at, rows, rows[:, self._layout.activation])

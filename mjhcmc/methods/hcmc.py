@@ -40,6 +40,7 @@ from mjhcmc.checks import is_number
 from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.errors import SettingsError
 from mjhcmc.external_loads import ExternalLoads
+from mjhcmc.imposed import Imposed
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.methods.hcmc_driver import HcmcDriver
 from mjhcmc.methods.run import Driver, Inputs, Progress, Team, run, static_start
@@ -75,6 +76,7 @@ def hcmc(
     gain: float = 2.7,
     authority: float = 0.15,
     loads: ExternalLoads | None = None,
+    imposed: Imposed | None = None,
     plant: MujocoPlant | None = None,
     progress: Progress | None = None,
 ) -> Solution:
@@ -106,6 +108,7 @@ def hcmc(
         gain: feedback bandwidth times dt: errors are to vanish in about dt/gain. Beyond 3 excitations ring.
         authority: share of the muscles' acceleration that feedback may ask for.
         loads: measured forces on the model's bodies, such as ground reactions (see `ExternalLoads`).
+        imposed: excitation that muscles receive in any case, such as reflexes: they do not go below it.
         plant: what is stepped; the model in MuJoCo by default.
         progress: called with (windows solved, windows in all).
 
@@ -122,7 +125,7 @@ def hcmc(
     """
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
-        loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation,
+        loads=loads, imposed=imposed, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation,
         disabled=disabled, solver=solver, emg=emg,
     )  # fmt: skip
     return run(Hcmc(reserves, trials, tolerance, gain, authority), windows, progress)

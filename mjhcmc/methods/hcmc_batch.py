@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.errors import MjhcmcError, MjhcmcWarning, SettingsError, SimulationError
 from mjhcmc.external_loads import ExternalLoads
+from mjhcmc.imposed import Imposed
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.methods.hcmc import Hcmc
 from mjhcmc.methods.run import Progress, SolveInterrupted, run_together
@@ -51,6 +52,7 @@ def hcmc_batch(
     emg: EmgTargets | Sequence[EmgTargets] | None = None,
     joint_moments: JointMoments | Sequence[JointMoments] | None = None,
     loads: ExternalLoads | Sequence[ExternalLoads] | None = None,
+    imposed: Imposed | Sequence[Imposed] | None = None,
     trials: int = 2,
     tolerance: float = 0.1,
     gain: float = 2.7,
@@ -86,6 +88,7 @@ def hcmc_batch(
         emg: for all simulations, or one each.
         joint_moments: for all simulations, or one each.
         loads: for all simulations, or one each, None for those without.
+        imposed: for all simulations, or one each, None for those without.
         trials: as `hcmc`.
         tolerance: as `hcmc`.
         gain: as `hcmc`.
@@ -118,6 +121,9 @@ def hcmc_batch(
     forces: list[Any] = [None]
     if loads is not None:
         forces, _ = one_each("loads", loads, ExternalLoads, count, or_none=True)
+    floors: list[Any] = [None]
+    if imposed is not None:
+        floors, _ = one_each("imposed", imposed, Imposed, count, or_none=True)
     starts = {
         name: _rows(name, given, count)
         for name, given in (("qpos", initial_qpos), ("qvel", initial_qvel), ("activation", initial_activation))
@@ -144,6 +150,7 @@ def hcmc_batch(
                 windows[i] = prepare(
                     model, motion, dt, physics_dt, **start, joint_moments=given, plant=plant, bench=bench, **choices,
                     emg=targets[i if len(targets) > 1 else 0], loads=forces[i if len(forces) > 1 else 0],
+                    imposed=floors[i if len(floors) > 1 else 0],
                 )  # fmt: skip
         except MjhcmcError as error:
             errors[i] = error

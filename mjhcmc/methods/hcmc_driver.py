@@ -92,6 +92,8 @@ class HcmcDriver:
             np.stack([m.activation_parameters for m in models]), np.stack([m.excitation_range for m in models]),
             team.physics_dt, team.n_step,
         )  # fmt: skip
+        self._limits = self._reach.excitation_range
+        self._imposed = floors_of([w.imposed for w in windows], int(team.count.max()), self._limits[:, :, 0])
         self._ahead, self._authority = team.dt, float(settings.authority)
         of, now = self._space.of, self._references([w.reference for w in windows])
         self._qpos, self._qvel = now[0], now[1]
@@ -121,10 +123,16 @@ class HcmcDriver:
         ]
         return found[0], found[1], found[2]
 
+    def _impose(self, k: int, at: Index) -> None:
+        """Raise the least excitation to what is imposed in window k."""
+        if self._imposed is not None:
+            self._limits[at, :, 0] = np.minimum(self._imposed[k][at], self._limits[at, :, 1])
+
     def window(self, k: int, ids: Ids, rows: Array) -> Array:
         """See `run.Driver` and the module's docstring."""
         team, settings, plants = self._team, self._settings, self._team.plants
         at, activation = self._which(ids), np.ascontiguousarray(rows[:, self._layout.activation])
+        self._impose(k, at)
         if k == 0:
             self._look_around(ids, at, rows)
         kp, kv, goal, expected = self._aim(k, at, rows, activation)
@@ -361,6 +369,17 @@ class HcmcDriver:
         team.excitation[at], team.shortfall[at] = correction.excitation, shortfall
         team.reserve[at] = shortfall if self._settings.reserves else 0.0
         team.fastest_rate[at] = correction.fastest_rate
+
+
+def floors_of(imposed: Sequence[Array | None], n: int, least: Array) -> Array | None:
+    """(n, b, n_muscle) least excitation of each window, where anything is imposed on any simulation."""
+    if all(one is None for one in imposed):
+        return None
+    found = np.repeat(least[None], n, axis=0)
+    for i, one in enumerate(imposed):
+        if one is not None:
+            found[: len(one), i] = np.maximum(found[: len(one), i], one)
+    return found
 
 
 def _finite(*parts: Array) -> bool:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc import dynamics
 from mjhcmc.errors import MjhcmcWarning, MotionError, SettingsError, SimulationError
+from mjhcmc.imposed import Imposed
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import RANGE_ALLOWANCE, Motion, Reference, check_joint_range
@@ -45,6 +46,7 @@ class Windows:
         sharing: how moments are shared among the muscles.
         joint_moments: those that a user brought along; None: none.
         surroundings: what acts from outside, and what leads prescribed joints.
+        imposed: (N, n_muscle) excitation below which muscles do not go; None: as the model says.
         own_plant: a plant that the user handed in; None: none.
         bench: a plant of the same model to look at states with, shared with other simulations; None: none.
     """
@@ -59,6 +61,7 @@ class Windows:
     sharing: Sharing
     joint_moments: JointMoments | None = None
     surroundings: Surroundings = field(default_factory=Surroundings)
+    imposed: NDArray[np.float64] | None = None
     own_plant: MujocoPlant | None = None
     bench: MujocoPlant | None = None
 
@@ -133,6 +136,7 @@ def prepare(
     plant: MujocoPlant | None = None,
     bench: MujocoPlant | None = None,
     loads: ExternalLoads | None = None,
+    imposed: Imposed | None = None,
     **choices: Any,
 ) -> Windows:
     """Check the settings of a solve and lay out its windows.
@@ -149,6 +153,7 @@ def prepare(
         plant: what is stepped; a `MujocoPlant` at physics_dt by default. It keeps its own physics step.
         bench: see `Windows`.
         loads: measured forces on the model's bodies.
+        imposed: excitation below which muscles do not go.
         choices: of cost, bounds and solver, see `sharing.share`.
 
     Raises:
@@ -195,6 +200,10 @@ def prepare(
     step, external = dt / n_step, None
     if loads is not None:
         _check_loads(loads, model, motion)
+    if imposed is not None:
+        if not isinstance(imposed, Imposed):
+            raise SettingsError(f"imposed must be Imposed excitation; got {type(imposed).__name__}")
+        imposed.check_fits(motion, model)
     if plant is not None and (plant.model.joint_names, plant.model.muscle_names) != (
         model.joint_names, model.muscle_names
     ):  # fmt: skip
@@ -264,6 +273,7 @@ def prepare(
         sharing,
         joint_moments,
         surroundings,
+        None if imposed is None else imposed.over(times),
         plant,
         bench,
     )
