@@ -44,7 +44,10 @@ def fiber_mapping(muscle: Mapping[str, float]) -> tuple[float, float, float]:
 
 
 def add_muscles(spec: mujoco.MjSpec, table: Mapping[str, Any], scale: Scale, frames: Mapping[str, Vector]) -> None:
-    """Add sites, wrapping cylinders, tendons and actuators."""
+    """Add sites, wrapping cylinders, tendons and actuators.
+
+    A muscle's entry may have ``passive_stiffness``, a factor of its passive force; 1 where it has none.
+    """
     import mujoco
 
     common, fitted, look = table["source"]["muscle_common"], table["fitted"], table["appearance"]
@@ -103,7 +106,7 @@ def add_muscles(spec: mujoco.MjSpec, table: Mapping[str, Any], scale: Scale, fra
             lmin=curves["lmin"],
             lmax=curves["lmax"],
             vmax=digits(curves["vmax"] * velocity * (muscle["max_fiber_velocity"] / common["max_fiber_velocity"])),
-            fpmax=curves["fpmax"],
+            fpmax=digits(curves["fpmax"] * muscle.get("passive_stiffness", 1.0)),
             fvmax=curves["fvmax"],
         )
         actuator.lengthrange = [scale.length(value) for value in limits]

@@ -1,0 +1,250 @@
+"""The search for leaks: ways by which a grade could be told without looking at the patient.
+
+Every check can fail by itself and says why. That all of them pass proves nothing; that one fails means that no score
+of this dataset may be believed before it is explained.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjhcmc.patients.learning.baseline import Predicted, labelled, quick_grades, rank_correlation
+from mjhcmc.patients.learning.cohort import PROTOCOL, Cohort
+from mjhcmc.patients.learning.features import READS, feature_names
+from mjhcmc.patients.learning.read import HELD_OUT, READABLE
+from mjhcmc.patients.learning.scores import MISSING, Scores, evaluate
+
+Array = NDArray[np.float64]
+Ranks = NDArray[np.int64]
+Grades = Callable[[Array, Ranks, Array], Ranks]
+"""Trains on (x, ranks) and grades new rows: what the permutation check runs."""
+
+DETERMINISTIC = 0.995
+"""|Spearman| from which one quantity is as good as the other."""
+
+HIDDEN = ("gain/", "threshold/", "severity")
+"""Latent quantities that no observable may give away by itself. Others, such as tone, may show: EMG at rest is tone."""
+
+_MIN_ROWS = 20  # below, ranks agree by chance
+_MAX_ROWS = 20_000  # above, more rows tell no more
+_PERMUTATIONS = 5
+_FOLDS = 5
+_SURE = 0.99  # level of the intervals that flag: a sound dataset is flagged once in two hundred
+_SLIGHT = 0.05  # kappa that is no matter, however certain
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check: what it looked at, whether all is well, and why not."""
+
+    name: str
+    passed: bool
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LeakReport:
+    """All checks."""
+
+    checks: tuple[Check, ...]
+
+    @property
+    def passed(self) -> bool:
+        """No check flags anything."""
+        return all(check.passed for check in self.checks)
+
+
+def search_leaks(
+    cohort: Cohort,
+    target: str = "rater_a",
+    predicted: Sequence[Predicted] = (),
+    *,
+    grades: Grades = quick_grades,
+    seed: int = 0,
+) -> LeakReport:
+    """Run every check.
+
+    Args:
+        cohort: what the models saw.
+        target: whose grades they learned.
+        predicted: what they said.
+        grades: how the permutation check trains and grades.
+        seed: of permutations and resamples.
+    """
+    return LeakReport((
+        _splits(cohort),
+        _duplicates(cohort),
+        _columns(cohort),
+        _deterministic(cohort),
+        _shuffled(cohort, target, grades, seed),
+        _protocol(cohort, target, seed),
+        _ceiling(cohort, target, predicted),
+    ))  # fmt: skip
+
+
+def _splits(cohort: Cohort) -> Check:
+    """No patient in two splits, and each in the folder that its row names."""
+    pairs = sorted(set(zip(cohort.patient.tolist(), cohort.split.tolist(), strict=True)))
+    patients = [patient for patient, _ in pairs]
+    both = sorted({a for a, b in pairwise(patients) if a == b})
+    reasons = []
+    if both:
+        reasons.append(f"{_some(both)} in more than one split")
+    if cohort.misplaced:
+        reasons.append(f"{_some(cohort.misplaced)} in the folder of another split than their row names")
+    return _check("patients in one split", reasons)
+
+
+def _duplicates(cohort: Cohort) -> Check:
+    """No two patients of different splits have the same values: a copy under another number is still a copy."""
+    seen: dict[bytes, tuple[int, str]] = {}
+    copies = []
+    for i in range(len(cohort.patient)):
+        rows = [cohort.features[joint][i] for joint in cohort.joints]
+        if not all(np.isfinite(row).sum() > 3 for row in rows):
+            continue  # nothing was measured: height, mass and sex may agree
+        key = hashlib.sha256(b"".join(row.tobytes() for row in rows)).digest()
+        patient, split = int(cohort.patient[i]), str(cohort.split[i])
+        other = seen.setdefault(key, (patient, split))
+        if other[1] != split:
+            copies.append(f"{other[0]} ({other[1]}) and {patient} ({split})")
+    reasons = [f"patients with identical features across splits: {_listed(copies)}"] if copies else []
+    return _check("no copies across splits", reasons)
+
+
+def _columns(cohort: Cohort) -> Check:
+    """Every feature is declared, reads only readable columns, and the observables hold no others."""
+    reasons = []
+    if cohort.undeclared:
+        reasons.append(f"columns of the observables in no list: {_listed(cohort.undeclared)}")
+    for joint in cohort.joints:
+        more = [name for name in cohort.names[joint] if name not in feature_names(joint)]
+        if more or cohort.features[joint].shape[1] != len(cohort.names[joint]):
+            reasons.append(f"{joint}: features that are not declared: {_listed(more) or 'without a name'}")
+        readable = {name for columns in READABLE.values() for name in columns}
+        hidden = sorted({name for columns in READS[joint].values() for name in columns} - readable)
+        if hidden:
+            reasons.append(f"{joint}: features read columns that an examiner cannot know: {_listed(hidden)}")
+    return _check("features from listed columns", reasons)
+
+
+def _deterministic(cohort: Cohort) -> Check:
+    """No feature, and no column of the observables, is as good as a hidden latent quantity or a grade."""
+    reasons = []
+    rows = np.arange(len(cohort.patient))[:_MAX_ROWS]
+    hidden = {name: values for name, values in cohort.latent.items() if name.startswith(HIDDEN)}
+    for j, joint in enumerate(cohort.joints):
+        seen = dict(zip(cohort.names[joint], cohort.features[joint].T.astype(np.float64), strict=False))
+        seen |= {f"column {name}": values[:, j] for name, values in cohort.channels.items()}
+        against = {f"latent {name}": values for name, values in hidden.items()}
+        for reader, ranks in cohort.grades.items():
+            against[f"the grade of {reader}"] = np.where(ranks[:, j] == MISSING, np.nan, ranks[:, j])
+        for what, given in seen.items():
+            for other, truth in against.items():
+                there = rows[np.isfinite(given[rows]) & np.isfinite(truth[rows])]
+                if len(there) < _MIN_ROWS or _few(given[there]) or _few(truth[there]):
+                    continue
+                r = float(rank_correlation(given[there, None], truth[there, None])[0, 0])
+                if abs(r) > DETERMINISTIC:
+                    reasons.append(f"{joint}: {what} is as good as {other} (Spearman {r:.4f})")
+    return _check("nothing hidden shows", reasons)
+
+
+def _few(values: Array) -> bool:
+    """Two values at most: ranks of ties that agree by chance."""
+    return len(np.unique(values)) < 3
+
+
+def _shuffled(cohort: Cohort, target: str, grades: Grades, seed: int) -> Check:
+    """Trained on grades that are shuffled among the patients of train, nothing is known of test."""
+    rng = np.random.default_rng([seed, 1])
+    train, test = cohort.rows("train"), cohort.rows("test")
+    truth = cohort.grades[target]
+    found: list[Scores] = []
+    for _ in range(_PERMUTATIONS):
+        mixed = truth.copy()
+        mixed[train] = truth[rng.permutation(train)]
+        ranks = np.empty((len(test), len(cohort.joints)), dtype=np.int64)
+        for j, joint in enumerate(cohort.joints):
+            x = cohort.features[joint].astype(np.float64)
+            ranks[:, j] = grades(*labelled(x, mixed[:, j], train), x[test])
+        found.append(evaluate(truth[test], ranks, resamples=300, level=_SURE, seed=seed))
+    kappa = float(np.mean([scores.kappa.value for scores in found]))
+    half = float(np.mean([scores.kappa.high - scores.kappa.low for scores in found])) / 2
+    reasons = []
+    if kappa > half + _SLIGHT:
+        reasons.append(f"trained on shuffled grades, kappa on test is {kappa:.2f}, chance reaches {half + _SLIGHT:.2f}")
+    return _check("shuffled grades teach nothing", reasons)
+
+
+def _protocol(cohort: Cohort, target: str, seed: int) -> Check:
+    """A patient's number, and how many trials of what length and rate there are, do not tell the grade."""
+    rows = np.flatnonzero(np.isin(cohort.split, HELD_OUT))  # shift splits have their own protocol on purpose
+    kept, fold_of = np.unique(cohort.patient[rows], return_inverse=True)
+    fold = (np.random.default_rng([seed, 2]).permutation(len(kept)) % _FOLDS)[fold_of]
+    index = cohort.patient[rows].astype(np.float64)
+    place = 2 * (index - index.min()) / max(np.ptp(index), 1.0) - 1
+    # polynomials of the index: a straight line would not see grades that come in blocks
+    number = np.column_stack([np.polynomial.legendre.legvander(place, 8)[:, 1:], index % 2])
+    how = cohort.protocol[rows]
+    truth = cohort.grades[target][rows]
+    reasons = []
+    for what, tells in (
+        ("the patient's index", lambda j: number),
+        (f"the protocol ({', '.join(PROTOCOL)}, missing features)", lambda j: _pattern(cohort, how, rows, j)),
+    ):
+        ranks = np.full(truth.shape, MISSING, dtype=np.int64)
+        for j in range(len(cohort.joints)):
+            x = tells(j)
+            for k in range(_FOLDS):
+                learned = labelled(x, truth[:, j], np.flatnonzero(fold != k))
+                ranks[fold == k, j] = quick_grades(*learned, x[fold == k])
+        kappa = evaluate(truth, ranks, level=_SURE, seed=seed).kappa
+        if kappa.low > _SLIGHT:
+            reasons.append(f"{what} tells the grade: kappa {kappa.words()} without a look at the signals")
+    return _check("index and protocol tell nothing", reasons)
+
+
+def _pattern(cohort: Cohort, how: Array, rows: NDArray[np.int64], j: int) -> Array:
+    """Protocol of a joint, and which kinds of features are missing."""
+    missing = ~np.isfinite(cohort.features[cohort.joints[j]][rows])
+    kinds = np.unique(missing, axis=1)  # features of one trial are missing together
+    return np.column_stack([how[:, j], kinds[:, kinds.any(axis=0)]])
+
+
+def _ceiling(cohort: Cohort, target: str, predicted: Sequence[Predicted]) -> Check:
+    """No model agrees with a rater better than another rater does. The ideal grade has no such ceiling."""
+    reasons = []
+    if target != "ideal":
+        test = cohort.rows("test")
+        truth = cohort.grades[target][test]
+        limit = evaluate(truth, cohort.grades["rater_b"][test]).kappa
+        for model in predicted:
+            if model.ranks is None:
+                continue
+            kappa = evaluate(truth, model.ranks[test]).kappa.value
+            if kappa > limit.high:
+                reasons.append(
+                    f"{model.name}: kappa {kappa:.2f} on test lies above that between raters {limit.words()}: "
+                    "look for the leak"
+                )
+    return _check("below the ceiling", reasons)
+
+
+def _check(name: str, reasons: Sequence[str]) -> Check:
+    return Check(name, not reasons, tuple(reasons))
+
+
+def _some(patients: Sequence[int]) -> str:
+    return f"patient{'s' if len(patients) > 1 else ''} {_listed(patients)}"
+
+
+def _listed(things: Sequence[object]) -> str:
+    """The first five."""
+    return ", ".join(map(str, things[:5])) + (f" and {len(things) - 5} more" if len(things) > 5 else "")
