@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     )
     from mjhcmc.external_loads import ExternalLoads
     from mjhcmc.hosted.plant import HillPlant
-    from mjhcmc.io.export import export_opensim
     from mjhcmc.imposed import Imposed
+    from mjhcmc.io.export import export_opensim
     from mjhcmc.joint_moments import JointMoments
     from mjhcmc.methods.cmc import cmc
     from mjhcmc.methods.hcmc import hcmc

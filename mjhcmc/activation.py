@@ -175,7 +175,8 @@ def excitation_for(
     a, goal, prm = _arrays(activation, target, parameters, step, n_step)
     limits = np.tile([0.0, 1.0], (a.size, 1)) if excitation_range is None else np.asarray(excitation_range)
     out = np.empty_like(a)
-    _invert_all(a, goal, limits[:, 0], limits[:, 1], prm, step, n_step, out)
+    low, high = np.ascontiguousarray(limits.T, dtype=float)  # one layout, however many: compiled once
+    _invert_all(a, goal, low, high, prm, step, n_step, out)
     return out
 
 

@@ -218,6 +218,8 @@ class MujocoPlant:
                 mujoco.mj_fwdPosition(m, d)
                 mujoco.mj_fwdVelocity(m, d)
             seen = Kinematics(*(getattr(d, name)[None] for name in Kinematics._fields))
+            for part in seen:
+                part.setflags(write=False)  # like those of a batch: what takes them is compiled once
             none = np.zeros(1, dtype=np.intp)
             outside.push(none, none, row, plan, j, ahead, seen)
             d.xfrc_applied[:] = row[0, at.on_bodies :].reshape(-1, 6)

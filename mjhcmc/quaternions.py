@@ -56,7 +56,8 @@ def turning(q: Array, rate: Array, second: Array, starts: Sequence[int]) -> tupl
         starts: columns in which quaternions begin, rising.
     """
     nv = q.shape[1] - len(starts)
-    qpos, v, a = q.copy(), np.empty((len(q), nv)), np.empty((len(q), nv))
+    rate, second = np.ascontiguousarray(rate), np.ascontiguousarray(second)  # one layout: compiled once
+    qpos, v, a = np.array(q, order="C"), np.empty((len(q), nv)), np.empty((len(q), nv))
     at = before = 0
     for first in [*starts, q.shape[1]]:
         n = first - before

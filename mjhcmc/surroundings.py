@@ -202,10 +202,9 @@ class Outside:
             ahead: s from what is seen to the middle of the step.
             seen: of all simulations.
         """
-        force, torque, point = plan.loads
+        force, torque, point = (np.ascontiguousarray(part[:, j]) for part in plan.loads)  # one layout: compiled once
         push(
-            rows, self._columns.on_bodies, at, self._ids[ids], force[:, j], torque[:, j], point[:, j], ahead,
-            self._roots, *seen,
+            rows, self._columns.on_bodies, at, self._ids[ids], force, torque, point, ahead, self._roots, *seen
         )  # fmt: skip
 
 

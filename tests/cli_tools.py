@@ -1,11 +1,14 @@
 """What the tests of the command line share; the fixtures reach them through conftest."""
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import mjhcmc
+from mjhcmc import verify
 from mjhcmc.cli import main
 from mjhcmc.io.opensim import write_table
 
@@ -51,6 +54,33 @@ def no_figures(monkeypatch):
     for name in ("excitation_figure", "tracking_figure", "moment_figure", "residual_figure"):
         monkeypatch.setattr(f"mjhcmc.plotting.{name}", lambda solution, overlay=None: None)
     monkeypatch.setattr("mjhcmc.plotting.save_figure", lambda figure, stem: [])
+
+
+@pytest.fixture
+def coarse_figures(monkeypatch):
+    """Figures of few pixels, where a test is not about how they look."""
+    monkeypatch.setattr("mjhcmc.plotting.figures._PNG_DPI", 40)
+
+
+@pytest.fixture
+def blank_figures(monkeypatch):
+    """Figures with nothing on them, where a test is about which files are written."""
+    for name in ("excitation_figure", "tracking_figure", "moment_figure", "residual_figure"):
+        monkeypatch.setattr(f"mjhcmc.plotting.{name}", lambda solution, overlay=None: Figure(figsize=(1, 1)))
+
+
+@pytest.fixture
+def timed_once(monkeypatch):
+    """`reproduce` times each method by one call, not by five, where a test is not about the times."""
+    monkeypatch.setattr("mjhcmc.reproduce._TIMED_CALLS", 1)
+
+
+@pytest.fixture
+def coarse_replay(monkeypatch):
+    """Verdicts replay in physics steps of 1 ms, not .1 ms, where a test is not about what replay shows."""
+    for name in ("replay", "replay_windows"):
+        getattr(mjhcmc, name)  # which the package keeps once it is asked for: not this one
+        monkeypatch.setattr(verify, name, partial(getattr(verify, name), physics_dt=1e-3))
 
 
 @pytest.fixture

@@ -1,18 +1,24 @@
 """Models that the tests share: the leg, and small ones whose answers are known in closed form."""
 
+import copy
 import os
 from pathlib import Path
 
 # two workers on two cores: threads of their own would only be in each other's way; workers inherit it
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import hypothesis
 import pytest
-from cli_tools import mot, no_figures, run
+from cli_tools import blank_figures, coarse_figures, coarse_replay, mot, no_figures, run, timed_once
 from motion_tools import write
 
 import mjhcmc
 
-__all__ = ["mot", "no_figures", "run", "write"]  # fixtures of the command line and of motion files
+# fixtures of the command line and of motion files
+__all__ = ["blank_figures", "coarse_figures", "coarse_replay", "mot", "no_figures", "run", "timed_once", "write"]
+
+hypothesis.settings.register_profile("patient", deadline=None)  # a busy machine is no failure
+hypothesis.settings.load_profile("patient")
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
@@ -67,11 +73,35 @@ PENDULUMS = """
 """
 
 
+def judged(solution: mjhcmc.Solution) -> mjhcmc.Solution:
+    """The solution, its verdict found now: a test that asks for `coarse_replay` may be the first to use it."""
+    assert solution.verdict.replay_max_error is not None
+    return solution
+
+
 def load_xml(xml: str) -> mjhcmc.MuscleModel:
     """A MuscleModel from MJCF text."""
     import mujoco
 
     return mjhcmc.MuscleModel.load(mujoco.MjModel.from_xml_string(xml))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def each_leg_is_fitted_once():
+    """A second to fit a subject's leg: the same document, side and knee give the same one again."""
+    from mjhcmc.leg8 import from_osim
+
+    real, known = from_osim.fit_subject, {}
+
+    def fit(leg, table, scales):
+        key = Path(leg.model.path).read_bytes(), leg.side, "knee_motion" in table["fitted"]
+        if key not in known:
+            known[key] = real(leg, table, scales)
+        return copy.deepcopy(known[key])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(from_osim, "fit_subject", fit)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -109,12 +139,12 @@ def fast(leg8):
 
 @pytest.fixture(scope="session")
 def slow_solution(leg8, slow):
-    return mjhcmc.hcmc(leg8, slow)
+    return judged(mjhcmc.hcmc(leg8, slow))
 
 
 @pytest.fixture(scope="session")
 def fast_solution(leg8, fast):
-    return mjhcmc.hcmc(leg8, fast)
+    return judged(mjhcmc.hcmc(leg8, fast))
 
 
 @pytest.fixture(scope="session")

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from check_tools import check_xml, flexor_and_biceps, found, pendulum_strength
 from conftest import HANGING_MASS, MUSCLE_ACTUATOR, PENDULUMS
+from myo_models import myo_model
 
 from mjhcmc.model_check.check import check
 
@@ -227,8 +228,7 @@ MYO = {
 @pytest.mark.filterwarnings("ignore:Attaching a spec")
 @pytest.mark.parametrize("name", MYO)
 def test_models_of_myo_sim(name):
-    myo_sim = pytest.importorskip("myo_sim")
-    report = check(myo_sim.load_model(name))
+    report = check(myo_model(name))
     assert report.roles == MYO[name]
     assert report.solvable
     assert all(step.over_range > 0 for step in report.steps)

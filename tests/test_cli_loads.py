@@ -9,6 +9,8 @@ import pytest
 import mjhcmc
 from mjhcmc.io.opensim import write_table
 
+pytestmark = pytest.mark.usefixtures("coarse_replay")
+
 WALK = Path(__file__).resolve().parents[2] / "shared" / "walk"
 walk_only = pytest.mark.skipif(not WALK.is_dir(), reason="the measured walk (shared/walk) is not beside the checkout")
 SWING = {"hip": 0.3, "knee": -0.5, "ankle": 0.1, "pelvis_ty": 0.02, "pelvis_tilt": 0.05}

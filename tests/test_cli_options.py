@@ -10,6 +10,8 @@ from conftest import HANGING_MASS, MUSCLE_ACTUATOR
 import mjhcmc
 from mjhcmc.io.opensim import read_table
 
+pytestmark = pytest.mark.usefixtures("coarse_replay")
+
 
 def solution_of(folder):
     return mjhcmc.Solution.load(folder / "solution.parquet")
@@ -42,7 +44,7 @@ def test_choices_reach_the_method(run, mot, tmp_path, no_figures, leg8):
     assert found.activation[1:, on].min() >= 0.02 - 1e-12
 
 
-def test_several_motions_go_into_a_folder_each(run, mot, tmp_path):
+def test_several_motions_go_into_a_folder_each(run, mot, tmp_path, blank_figures):
     out = tmp_path / "out"
     outcome = run("solve", mot("one.mot"), mot("two.mot", factor=0.5), "--json", "--out", out)
     assert outcome.code == 0
@@ -185,7 +187,7 @@ def test_names_that_opensim_cannot_read_are_found_before_the_work(run, tmp_path)
     assert not (tmp_path / "out").exists()
 
 
-def test_reproduce_can_be_quiet(run, tmp_path, no_figures):
+def test_reproduce_can_be_quiet(run, tmp_path, no_figures, timed_once):
     outcome = run("reproduce", "--dt", "0.05", "--quiet", "--out", tmp_path / "out")
     assert outcome.code in (0, 1)
     assert (outcome.out, outcome.err) == ("", "")

@@ -118,10 +118,10 @@ def test_needed_activation_of_one_muscle(curves):
 
 @pytest.mark.parametrize("curves", ["millard", "degroote-fregly", "thelen"])
 def test_compliant_fibers_move_as_by_runge_kutta(leg8, fast_solution, curves):
-    """Independent: classical RK4 with the same half steps, over the first 40 ms."""
+    """Independent: classical RK4 with the same half steps, over the first 25 ms."""
     model = hill_model(leg8, curves)
     track = track_of(fast_solution, 5e-4)
-    n = 161
+    n = 101
     a, length, velocity = track.activation[:n], track.length[:n], track.velocity[:n]
     state = compliant_motion(model, track.time[:n], a, length, velocity)
     fiber = hill.static_equilibrium(model, a[0], length[0]).fiber_length
@@ -187,7 +187,7 @@ def test_figures_draw_what_was_found(millard, leg8):
     assert {line.get_label() for line in axes[3].lines} == names
 
 
-def test_the_command_writes_tables_and_figures(run, tmp_path, millard):
+def test_the_command_writes_tables_and_figures(run, tmp_path, millard, coarse_figures):
     outcome = run("compare-muscles", "--out", tmp_path / "out", "--json")
     assert outcome.code == 0, outcome.err
     values = json.loads(outcome.out)

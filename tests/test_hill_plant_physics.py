@@ -76,7 +76,7 @@ def test_the_leg_agrees_with_a_free_standing_simulation(leg8):
 @pytest.mark.parametrize("curves", ["millard", "thelen", "degroote-fregly"])
 def test_fibers_follow_the_references_fiber_velocity(leg8, curves):
     """The fibers' equation alone, along the recorded lengths, by an implicit integrator."""
-    plant, n = HillPlant(leg8, curves, "compliant", physics_dt=2.5e-4), 120
+    plant, n = HillPlant(leg8, curves, "compliant", physics_dt=2.5e-4), 80
     start(leg8, plant, [0.1, -0.3, 0.0], [1.0, -1.0, 2.0], 0.2)
     u = np.linspace(0.05, 0.9, 8)
     record, lengths = [plant.get_state()], []

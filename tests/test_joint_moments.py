@@ -199,11 +199,16 @@ def test_a_plant_of_ones_own_under_load(leg8, swing):
         mjhcmc.hcmc(leg8, swing, joint_moments=moments, plant=mjhcmc.MujocoPlant(leg8))
 
 
+@pytest.fixture(scope="module")
+def loaded(leg8, swing):
+    return mjhcmc.cmc(leg8, dataclasses.replace(swing, span=(0, 0.3)), joint_moments=moments_of(leg8, swing))
+
+
 @pytest.mark.parametrize("suffix", [".parquet", ".csv", ".sto", ".nc"])
-def test_a_loaded_solution_survives_a_file(tmp_path, leg8, swing, suffix):
+def test_a_loaded_solution_survives_a_file(tmp_path, leg8, loaded, suffix):
     if suffix == ".nc":
         pytest.importorskip("xarray")
-    solution = mjhcmc.cmc(leg8, dataclasses.replace(swing, span=(0, 0.3)), joint_moments=moments_of(leg8, swing))
+    solution = loaded
     read = mjhcmc.Solution.load(solution.save(tmp_path / f"walk{suffix}"), model=leg8)
     np.testing.assert_array_equal(read.external_load, solution.external_load)
     np.testing.assert_array_equal(read.net_joint_moment, solution.net_joint_moment)

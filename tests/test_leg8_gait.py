@@ -223,7 +223,7 @@ def test_left_leg_mirrors_the_right(documents: Path, moving_knee: bool) -> None:
     state = {joint: (0.2 - 0.1 * i, 1.0 - 0.3 * i, 5.0 - i) for i, joint in enumerate(joints)}
     for one, other in zip(inverse(left, state), inverse(right, state), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4)
-    own = mjhcmc.MuscleModel.load(leg8_from_osim(documents / "uneven.osim", side="left"))
+    own = mjhcmc.MuscleModel.load(leg8_from_osim(documents / "uneven.osim", side="left", moving_knee=moving_knee))
     assert own.column_map["knee"] == "knee_angle_l"
     assert own.opensim.muscles["soleus"] == "soleus_l"
     assert own.opensim.paths["hip"] == "/jointset/hip_l/hip_flexion_l"
@@ -244,6 +244,13 @@ def test_base_and_standing_height(documents: Path) -> None:
     np.testing.assert_allclose(planar.body_mass, fixed.body_mass)
 
 
+@pytest.fixture
+def unfitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Legs keep leg8's own cylinders, where a test is not about paths: a fit takes most of a second."""
+    monkeypatch.setattr("mjhcmc.leg8.from_osim.fit_subject", lambda leg, table, scales: table)
+
+
+@pytest.mark.usefixtures("unfitted")
 def test_muscles_own_times_and_speeds_are_kept(tmp_path: Path) -> None:
     path = write_osim(tmp_path / "own.osim", kind="Thelen2003Muscle", edit=lambda root: slow_down(root))
     model, plain = leg8_from_osim(path, base="fixed").compile(), build_leg8().compile()
@@ -425,6 +432,7 @@ def test_missing_side_and_wrong_words(tmp_path: Path) -> None:
         leg8_from_osim(path, base="free")
 
 
+@pytest.mark.usefixtures("unfitted")
 def test_wrapping_objects_are_named(tmp_path: Path) -> None:
     def edit(root: ET.Element) -> None:
         path = find(root, "Millard2012EquilibriumMuscle", "glut_max_r")[0]

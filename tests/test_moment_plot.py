@@ -23,7 +23,7 @@ def crowded():
     return swing(chain(6, 60, force=15.0), windows=12)
 
 
-@pytest.fixture(params=["fast_solution", "crowded"])
+@pytest.fixture(scope="module", params=["fast_solution", "crowded"])
 def drawn(request):
     solution = request.getfixturevalue(request.param)
     return solution, moment_figure(solution)
@@ -149,9 +149,8 @@ def test_slides_have_forces(linear_mass):
 
 def test_everything_is_inside_the_sheet_and_nothing_overlaps(drawn):
     _, figure = drawn
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer, sheet = canvas.get_renderer(), figure.bbox
+    renderer, sheet = FigureCanvasAgg(figure).get_renderer(), figure.bbox
+    figure.draw_without_rendering()
     boxes = [text.get_window_extent(renderer) for text in figure.legends[0].get_texts()]
     for ax in figure.axes:
         boxes += [
@@ -216,7 +215,7 @@ def test_a_solution_without_its_model_is_refused(fast_solution):
     excitation_figure(bare)  # which needs none
 
 
-def test_the_figure_is_the_same_wherever_it_is_drawn_and_can_be_saved(fast_solution, tmp_path):
+def test_the_figure_is_the_same_wherever_it_is_drawn_and_can_be_saved(fast_solution, tmp_path, coarse_figures):
     figure = moment_figure(fast_solution)
     first = [p.read_bytes() for p in save_figure(figure, tmp_path / "one")]
     with matplotlib.rc_context({"font.size": 20, "axes.grid": False, "lines.linewidth": 9}):

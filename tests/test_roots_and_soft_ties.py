@@ -6,6 +6,7 @@ import pytest
 
 import mjhcmc
 
+pytestmark = pytest.mark.usefixtures("coarse_replay")
 SWING = {"hip": 0.3, "knee": -0.5, "ankle": 0.1, "pelvis_ty": 0.02, "pelvis_tilt": 0.05}
 TWO_LINKS = """
 <mujoco model="links"><option timestep=".001" integrator="RK4"/>

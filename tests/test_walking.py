@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from mjhcmc.leg8.agreement import read_columns
 from mjhcmc.leg8.table import ROOT_JOINTS
 from mjhcmc.opensim_reference import read_run
 from mjhcmc.solution import WindowStatus
-from mjhcmc.verify import replay_windows
+from mjhcmc.verify import judge, replay_windows
 
 COORDINATES = {"hip": "hip_flexion_r", "knee": "knee_angle_r", "ankle": "ankle_angle_r"}
 MOTION, LOADS, SUBJECT = "subject_adjusted_Kinematics_q.sto", "subject01_walk_grf.xml", "subject01.osim"
@@ -48,6 +49,18 @@ def solution(request):
     return request.getfixturevalue(request.param)
 
 
+def head(solution, n):
+    """The first n windows of a solution."""
+    arrays = {field.name: getattr(solution, field.name) for field in dataclasses.fields(solution)}
+    lengths = {solution.n_window: n, solution.n_window + 1: n + 1}
+    cut = {
+        name: value[: lengths[len(value)]]
+        for name, value in arrays.items()
+        if isinstance(value, np.ndarray) and len(value) in lengths
+    }
+    return dataclasses.replace(solution, **cut)
+
+
 def of(solution, values, names=JOINTS):
     """Columns of some degrees of freedom."""
     return values[..., [solution.dof_names.index(name) for name in names]]
@@ -67,7 +80,7 @@ def test_net_joint_moments_are_those_of_opensims_inverse_dynamics(request, walk_
     assert (share <= most).all(), share
 
 
-def test_leg_follows_without_help_and_verdict_holds(solution):
+def test_leg_follows_without_help_and_verdict_holds(solution, coarse_replay):
     assert np.rad2deg(np.abs(of(solution, solution.tracking_error)).max()) < 0.05
     share = np.abs(of(solution, solution.reserve)).max(axis=0) / of(solution, solution.peak_moment)
     assert share.max() < 0.01
@@ -79,11 +92,13 @@ def test_leg_follows_without_help_and_verdict_holds(solution):
 
 
 def test_windows_played_again_end_where_they_ended(solution):
-    """With the same physics step to rounding; with a tenth of it by the physics step's own error."""
+    """With the same physics step to rounding; with a tenth of it, which takes long, by the physics step's own error."""
     same = replay_windows(solution, solution.settings["physics_dt"])
     assert np.abs(same - solution.qpos).max() < 1e-12
-    assert np.rad2deg(max(of(solution, np.array(solution.verdict.replay_window_max_error)))) < 1e-3
-    assert solution.verdict.replay_max_error is None  # open loop under a measured reaction falls: not reported
+    part = solution if len(solution.dof_names) == 6 else head(solution, 60)  # into the stance, of the moving knee
+    verdict = judge(part)
+    assert np.rad2deg(max(of(solution, np.array(verdict.replay_window_max_error)))) < 1e-3
+    assert verdict.replay_max_error is None  # open loop under a measured reaction falls: not reported
 
 
 def test_pelvis_follows_exactly_and_its_residual_is_told(solution, walk_folder):
@@ -129,7 +144,7 @@ def test_lengths_and_moment_arms_along_the_walk(solution, walk_folder):
     assert error.max() < 0.005, error
 
 
-def test_either_leg_walks(walk_folder):
+def test_either_leg_walks(walk_folder, coarse_replay):
     solution = walk(walk_folder, side="left", dt=0.01)
     assert solution.verdict.passed
     assert np.rad2deg(np.abs(solution.tracking_error).max()) < 0.05
@@ -168,7 +183,7 @@ def test_mirrored_walk_is_that_of_the_other_leg(walk_folder, tmp_path):
     assert np.abs(left.activation - right.activation).max() < 0.01
 
 
-def test_other_methods_walk_too(walk_folder, fixed):
+def test_other_methods_walk_too(walk_folder, fixed, coarse_replay):
     """CMC follows; static optimization finds nearly the same activations and falls, open loop: its verdict says so."""
     cmc = walk(walk_folder, method=mjhcmc.cmc, dt=0.01)
     assert cmc.verdict.passed
@@ -278,7 +293,7 @@ def test_made_up_walk_obeys_newton(stride, made_up):
     assert (np.sqrt((error**2).mean(axis=0)) < 0.02 * np.abs(of(made_up, moments)).max(axis=0)).all()
 
 
-def test_without_the_ground_reaction_the_moments_are_others(stride, made_up):
+def test_without_the_ground_reaction_the_moments_are_others(stride, made_up, coarse_replay):
     """The load is in the plant: what it takes at the ankle is gone without it."""
     model, motion, _ = stride
     free = mjhcmc.hcmc(model, motion)

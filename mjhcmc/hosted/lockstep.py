@@ -225,10 +225,10 @@ class HillLockstep(Lockstep):
             )  # fmt: skip
         path, slopes = np.empty((b, n, 2)), np.empty((b, n, 4))
         force, gain, bias = (np.empty((b, n)) for _ in range(3))
+        at, p = (np.ascontiguousarray(part[::copies]) for part in (call.at, call.p))
         read_muscles(
-            0, b, call.at[::copies], self.muscles.kind, self.muscles.curves, call.p[::copies],
-            rows[:, self.layout.activation], rows[:, self.layout.fiber], bound.actuator_length, bound.actuator_velocity,
-            bound.muscles, path, force, gain, bias, slopes,
+            0, b, at, self.muscles.kind, self.muscles.curves, p, *self._driven(rows), bound.actuator_length,
+            bound.actuator_velocity, bound.muscles, path, force, gain, bias, slopes,
         )  # fmt: skip
         gain = self.muscles.workable(gain)
         around = Linearization(
@@ -271,7 +271,7 @@ class HillLockstep(Lockstep):
         b, nv, n = len(call.at), self._models[0].nv, self._models[0].n_muscle
         self._forward(batch, call.ids, failed)
         force, tau, qacc = np.empty((b, n)), np.empty((b, nv)), np.empty((b, nv))
-        activation, fiber = rows[:, self.layout.activation], rows[:, self.layout.fiber]
+        activation, fiber = self._driven(rows)
         pulled = (
             call.at, self.muscles.kind, self.muscles.curves, call.p, activation, fiber, bound.actuator_length,
             bound.actuator_velocity, *bound.moment, bound.muscles, force, tau,
@@ -287,6 +287,10 @@ class HillLockstep(Lockstep):
         moved = call.at, tau, bound.M, *bound.M_index, bound.nefc, bound.qacc, qacc
         in_chunks(lambda first, last: accelerate(first, last, *moved), b, self._threads if b >= _WORTH_THREADS else 1)
         return Pull(force, tau, qacc)
+
+    def _driven(self, rows: Array) -> tuple[Array, Array]:
+        """Activation and fiber length of rows, in one layout however many: compiled code meets one kind."""
+        return np.ascontiguousarray(rows[:, self.layout.activation]), np.ascontiguousarray(rows[:, self.layout.fiber])
 
     def _forward(self, batch: Batch, ids: Ids | None, failed: set[int], stage: int = _ALL) -> None:
         try:

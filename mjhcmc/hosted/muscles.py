@@ -123,7 +123,8 @@ class HostedMuscles:
         Raises:
             SimulationError: no equilibrium at rest either.
         """
-        activation, found = np.clip(activation, 0.0, 1.0), np.empty_like(length)
+        activation, found = np.clip(activation, 0.0, 1.0), np.empty(len(length))
+        length, velocity = np.ascontiguousarray(length), np.ascontiguousarray(velocity)  # one layout: compiled once
         steady_fibers(self.curves, self.parameters, activation, length, velocity, found)
         for i in np.flatnonzero(np.isnan(found)):
             try:

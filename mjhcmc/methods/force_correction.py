@@ -84,7 +84,8 @@ def correct_forces(
     b, nv, n = found.B.shape
     p, prm = plants.parameters[ahead.ids], plants.activation_parameters[ahead.ids]
     gain, bias, B = found.gain, found.bias, found.B
-    start, fiber = ahead.rows[:, layout.activation], ahead.rows[:, layout.fiber]
+    # one layout, however many they are: what takes them is compiled once
+    start, fiber = (np.ascontiguousarray(ahead.rows[:, part]) for part in (layout.activation, layout.fiber))
     low, high, x, shift, excitation = (np.empty((b, n)) for _ in range(5))
     forces, phi = np.empty((b, n, 4)), np.empty((b, ahead.n_step + 1, n))
     answers, wanted, Q = np.empty((b, nv, n + nv)), np.empty((b, nv)), np.empty((b, nv))

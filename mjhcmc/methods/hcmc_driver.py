@@ -256,7 +256,8 @@ class HcmcDriver:
         forward and not fed back. A joint that nothing limits keeps gain/h.
         """
         layout, gain, h, space = self._layout, self._gain[at], self._ahead, self._space
-        qacc, q, v = self._qacc_at[at], rows[:, layout.qpos], space.of(rows[:, layout.qvel])
+        qacc, q = self._qacc_at[at], rows[:, layout.qpos]
+        v = np.ascontiguousarray(space.of(rows[:, layout.qvel]))  # one layout, however many: compiled once
         kp, kv, goal, way, speed = (np.empty_like(qacc) for _ in range(5))
         ahead = space.difference(self._goal_qpos[k, at], q)
         _fill_aim(
@@ -354,7 +355,7 @@ class HcmcDriver:
     def _cap(self, at: Index, found: Linearization) -> Array:
         """(b, n_muscle) activation from which on a forcerange lets a muscle pull no more."""
         if self._limit is None:
-            return np.broadcast_to(np.inf, found.gain.shape)
+            return np.full(found.gain.shape, np.inf)
         return activation_cap(self._limit[at], found.gain, found.bias)
 
     def _take(self, k: int, ids: Ids, at: Index, correction: Correction, seen: tuple[Array, ...]) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+import mujoco
 import numpy as np
 
 from mjhcmc.errors import MjhcmcError, SimulationError
@@ -15,10 +18,10 @@ from mjhcmc.patients.bench import Case, run_trials
 from mjhcmc.patients.grades import rank
 from mjhcmc.patients.groups import TESTED
 from mjhcmc.patients.leg import gait_leg_of, leg_of
-from mjhcmc.patients.patient import RATERS, Patient, sample_patient, stream
+from mjhcmc.patients.patient import RATERS, Patient, healthy, sample_patient, stream
 from mjhcmc.patients.rater import ideal_grade, rate, sample_raters
 from mjhcmc.patients.record import Record
-from mjhcmc.patients.resistance import Resistance, hand_on, read_resistance
+from mjhcmc.patients.resistance import Resistance, Usual, hand_on, read_resistance, usual_resistance
 from mjhcmc.patients.sensors import observe
 from mjhcmc.patients.trials import Trial, pendulum, stretch, voluntary
 from mjhcmc.patients.voluntary import move
@@ -32,24 +35,36 @@ DEFAULTS: dict[str, float | int | str] = {
     "slow_deg_s": 10.0,
     "fast_deg_s": "120 180 240",
     "shift_fast_deg_s": "90 150 300",
-    "shift_muscle": "compliant",
+    "shift_muscle": "rigid",
     "shift_reflex": "force",
     "movement": "slow",
     "dt": 0.01,
-    "physics_dt": 0.005,
+    "physics_dt": 0.002,
     "walk": "",
     "walk_loads": "",
+    "walk_start": 0.0,
+    "walk_end": 0.0,
+    "walk_height": 1.8,
+    "walk_mass": 75.1646,
+    "walk_dt": 0.005,
 }
-"""Settings of the simulation. ``dt`` and ``physics_dt`` (s) are those of voluntary movements; ``walk`` and ``walk_loads``
-are files of a measured walk, for a subject of leg8's size, and its ground reaction; empty: nobody walks."""
+"""Settings of the simulation. ``dt`` and ``physics_dt`` (s) are those of voluntary movements; ``walk``, ``walk_loads``
+are files of a measured walk and its ground reaction, of a subject of ``walk_height`` (m) and ``walk_mass`` (kg), of
+which patients walk the part from ``walk_start`` to ``walk_end`` (s); empty: nobody walks."""
 
 RATED = ("ideal", "rating")
 """Sessions in which a rater's hand is on the limb: for the grade that the patient deserves, and for the one given."""
 
+_USUAL = healthy()
+
+_BY_WILL = ("cosine", "walk")  # a patient who cannot move so is a patient all the same
+
+_WALK_STEP = 0.001  # s; loaded muscles are stiff
+
 SPLIT_OF_VELOCITIES, SPLIT_OF_MUSCLES, SPLIT_OF_REFLEXES = "shift_velocity", "shift_muscle", "shift_reflex"
 
 
-def battery(settings: dict[str, float | int | str], split: str = "train") -> list[Trial]:
+def battery(settings: Mapping[str, float | int | str], split: str = "train") -> list[Trial]:
     """The trials of one patient: those that are recorded first, then those of raters.
 
     Args:
@@ -67,7 +82,7 @@ def battery(settings: dict[str, float | int | str], split: str = "train") -> lis
     recorded.append(pendulum())
     recorded.append(voluntary("cosine", str(settings["movement"]), 1.0 / float(settings["dt"])))
     if settings["walk"]:
-        recorded.append(voluntary("walk", "", 1.0 / float(settings["dt"])))
+        recorded.append(voluntary("walk", "", 1.0 / float(settings["walk_dt"])))
     return recorded + [stretch(joint, "mas", session=session) for session in RATED for joint in TESTED]
 
 
@@ -85,12 +100,13 @@ def simulate_block(configuration: Configuration, split: str, first: int, last: i
     Returns:
         The tables of `tables.SCHEMAS`. A patient whose simulation fails is in them with the reason.
     """
-    trials = battery(dict(configuration.settings), split)
+    trials = battery(configuration.settings, split)
     patients = [patient_of(configuration, split, index) for index in range(first, last)]
     found = tables.Block(configuration, split)
-    results = _records(patients, trials, configuration)
+    with _without_mujocos_log():
+        results = _records(patients, trials, configuration)
     for patient, records in zip(patients, results, strict=True):
-        failure = "; ".join(record.failure for record in records if record.failure)
+        failure = "; ".join(r.failure for r in records if r.failure and r.trial.test not in _BY_WILL)
         grades: dict[str, dict[str, object]] = {}
         try:
             grades = grade(patient, records)
@@ -102,6 +118,17 @@ def simulate_block(configuration: Configuration, split: str, first: int, last: i
                 seen = observe(record, patient.seed, patient.index, number) if len(record.time) else None
                 found.trial(patient, number, record, seen)
     return found.tables()
+
+
+@contextmanager
+def _without_mujocos_log() -> Iterator[None]:
+    """Keep MuJoCo from writing of diverging simulations to the terminal and to a file: their records say so."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def _records(patients: Sequence[Patient], trials: Sequence[Trial], configuration: Configuration) -> list[list[Record]]:
@@ -135,7 +162,7 @@ def examine(
     dt, physics_dt = float(settings["dt"]), float(settings["physics_dt"])
     legs = [leg_of(patient) for patient in patients]
     found: dict[tuple[int, int], Record] = {}
-    passive = [k for k, trial in enumerate(trials) if trial.test not in ("cosine", "walk")]
+    passive = [k for k, trial in enumerate(trials) if trial.test not in _BY_WILL]
     cases = [Case(patient, leg, trials[k]) for patient, leg in zip(patients, legs, strict=True) for k in passive]
     for (i, k), record in zip(
         ((i, k) for i in range(len(patients)) for k in passive), run_trials(cases, threads=threads), strict=True
@@ -151,12 +178,23 @@ def examine(
 
             gait = [gait_leg_of(patient) for patient in patients]
             cases = [Case(patient, leg, trial) for patient, leg in zip(patients, gait, strict=True)]
-            motions, loads = walks(patients, gait, str(settings["walk"]), str(settings["walk_loads"]))
-            records = move(cases, motions, loads, dt=dt, physics_dt=min(physics_dt, 0.001), threads=threads)
+            numbers = {name: float(settings[f"walk_{name}"]) for name in ("start", "end", "height")}
+            motions, loads = walks(
+                patients, gait, str(settings["walk"]), str(settings["walk_loads"]), **numbers,
+                body_mass=float(settings["walk_mass"]),
+            )  # fmt: skip
+            step = min(physics_dt, _WALK_STEP)
+            records = move(cases, motions, loads, dt=float(settings["walk_dt"]), physics_dt=step, threads=threads)
         else:
             continue
         found.update(((i, k), record) for i, record in enumerate(records))
     return [[found[i, k] for k in range(len(trials))] for i in range(len(patients))]
+
+
+@functools.cache
+def _usual(joint: str) -> Usual:
+    """What raters are used to: the same stretch of a healthy leg."""
+    return usual_resistance(run_trials([Case(_USUAL, leg_of(_USUAL), stretch(joint, "mas", session="ideal"))])[0])
 
 
 def grade(patient: Patient, records: Sequence[Record]) -> dict[str, dict[str, object]]:
@@ -179,8 +217,10 @@ def grade(patient: Patient, records: Sequence[Record]) -> dict[str, dict[str, ob
         if record.trial.session in RATED:
             if record.failure:
                 raise SimulationError(record.failure)
-            hand = hand_on(record.trial.joint, patient.height)
-            read[record.trial.session, record.trial.joint] = read_resistance(record, hand)
+            joint = record.trial.joint
+            size = patient.body_mass * patient.height / (_USUAL.body_mass * _USUAL.height)
+            usual = _usual(joint).scaled(size)
+            read[record.trial.session, joint] = read_resistance(record, hand_on(joint, patient.height), usual)
     labels: dict[str, dict[str, object]] = {}
     for joint in (joint for joint in JOINTS if joint in TESTED):
         true = read["ideal", joint]

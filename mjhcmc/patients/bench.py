@@ -54,21 +54,29 @@ class Clock(NamedTuple):
         return self.step * self.n_step
 
 
-LED = Clock(0.005, 2)
+LED = Clock(0.01, 1)
 """Where the course is given, only activations are integrated."""
 
-FREE = Clock(0.0025, 2)
+FREE = Clock(0.005, 1)
 """Of hip and knee."""
 
-LIGHT = Clock(0.001, 5)
+LIGHT = Clock(0.00125, 2)
 """Of the ankle, whose damping by active muscles is stiff beside the foot's inertia."""
 
 
-def clock_of(trial: Trial) -> Clock:
-    """How a trial's time is cut."""
-    if trial.examiner == "servo":
-        return LED
-    return LIGHT if trial.joint == "ankle" else FREE
+_STRETCHING = 0.00125  # s, largest step of muscles whose tendons stretch: fibers are stiff
+
+
+def clock_of(trial: Trial, muscle: str = "mujoco") -> Clock:
+    """How a trial's time is cut.
+
+    Args:
+        trial: the trial.
+        muscle: the kind of muscles, see `Patient`.
+    """
+    clock = LED if trial.examiner == "servo" else LIGHT if trial.joint == "ankle" else FREE
+    times = math.ceil(clock.step / _STRETCHING - 1e-9) if muscle == "compliant" else 1
+    return Clock(clock.step / times, clock.n_step * times)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +110,7 @@ def run_trials(cases: Sequence[Case], *, threads: int = 1, finer: int = 1) -> li
     """
     groups: dict[tuple[Clock, str, str, float], list[int]] = {}
     for i, case in enumerate(cases):
-        key = clock_of(case.trial), case.patient.muscle, case.patient.reflex, case.trial.rate
+        key = clock_of(case.trial, case.patient.muscle), case.patient.muscle, case.patient.reflex, case.trial.rate
         groups.setdefault(key, []).append(i)
     found: dict[int, Record] = {}
     for (clock, *_), members in groups.items():
@@ -130,7 +138,9 @@ class _Team:
             arm_at(trial.joint, case.patient.height, inertia) if trial.examiner == "torque" else None
             for case, trial, inertia in zip(cases, trials, self._inertia, strict=True)
         ]
-        self._most = np.array([strength_at(t.joint, case.patient.height) for t, case in zip(trials, cases, strict=True)])
+        self._most = np.array(
+            [strength_at(t.joint, case.patient.height) for t, case in zip(trials, cases, strict=True)]
+        )
         self._stopped = np.full(b, np.inf)
         self._arms, self._hand = Arms(arms), np.array([arm.hand if arm else 0.0 for arm in arms])
         self._bodies = [_body(case, led, arm) for case, led, arm in zip(cases, self._led, arms, strict=True)]
@@ -166,10 +176,11 @@ class _Team:
                 break
             now, one, joint = rows[ids], np.arange(len(ids)), self._joint[ids]
             q, v, a = self._desired(ids, k * clock.period)
+            middle = self._desired(ids, (k + 0.5) * clock.period)[2]  # second order, where a torque is held
             self._lead(ids, now, q, v)
             tested = np.zeros((len(ids), len(JOINTS)))
             lag, slip = q - now[one, at.qpos.start + joint], v - now[one, at.qvel.start + joint]
-            tested[one, joint] = self._arms.torque(ids, lag, slip, a, clock.period)
+            tested[one, joint] = self._arms.torque(ids, lag, slip, middle, clock.period)
             pushed, sampled = self._push(ids, a), k % every == 0
             seen = plants.look(ids, now, tested + pushed) if sampled or always else None
             path = plants.path(ids, now) if seen is None else seen.path
@@ -185,8 +196,7 @@ class _Team:
                     k // every, ids, now[:, at.qpos], now[:, at.qvel], seen, torque, u, reflex, now[:, at.activation],
                     length, speed,
                 )  # fmt: skip
-            ahead = self._push(ids, self._desired(ids, (k + 0.5) * clock.period)[2])
-            rows[ids] = plants.step(ids, now, u, tested + ahead, clock.n_step)
+            rows[ids] = plants.step(ids, now, u, tested + self._push(ids, middle), clock.n_step)
             failed[ids[~np.isfinite(rows[ids]).all(axis=1)]] = k
         return [self._record(i, samples, every, int(n_period[i]), int(failed[i])) for i in range(b)]
 
@@ -229,6 +239,9 @@ class _Team:
         push[np.arange(len(ids)), self._joint[ids]] = np.where(self._machine[ids], HEAVY * a, 0.0)
         return push
 
+    def _times(self, n: int, every: int) -> Array:
+        return np.asarray(every * self._clock.period * np.arange(n), dtype=np.float64)
+
     def _record(self, i: int, samples: _Samples, every: int, n_period: int, failed: int) -> Record:
         case = self._cases[i]
         n = (n_period if failed < 0 else failed) // every + 1
@@ -238,10 +251,11 @@ class _Team:
             why = f"{case.trial.name} at {failed * self._clock.period:.3f} s: {told}"
         seen = samples.seen(i, n)
         return Record(
-            case.trial, every * self._clock.period * np.arange(n), samples.qpos[:n, i].copy(),
+            case.trial, self._times(n, every), samples.qpos[:n, i].copy(),
             samples.qvel[:n, i].copy(), seen.qacc, samples.torque[:n, i].copy(), self._inertia[i],
             samples.excitation[:n, i].copy(), samples.reflex[:n, i].copy(), samples.activation[:n, i].copy(),
-            samples.fiber_length[:n, i].copy(), samples.fiber_velocity[:n, i].copy(), self._plants.pulled(i, seen), failure=why,
+            samples.fiber_length[:n, i].copy(), samples.fiber_velocity[:n, i].copy(), self._plants.pulled(i, seen),
+            failure=why,
         )  # fmt: skip
 
 
@@ -286,8 +300,8 @@ def fibers_of(
         hill: the Hill muscles, one a simulation; none: MuJoCo's.
 
     Returns:
-        A function of simulations (b,), activations (b, n), fiber lengths (b, n) m where tendons are compliant, and paths
-        (b, n, 2) m and m/s, to lengths (b, n) in optimal fiber lengths, and velocities a second.
+        A function of simulations (b,), activations (b, n), fiber lengths (b, n) m where tendons are compliant, and
+        paths (b, n, 2) m and m/s, to lengths (b, n) in optimal fiber lengths, and velocities a second.
     """
     if hill:
         p, kind, curves = np.stack([own.parameters for own in hill]), hill[0].kind, hill[0].curves

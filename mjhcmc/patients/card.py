@@ -100,6 +100,7 @@ _ROWS: tuple[tuple[str, str, str, Kind, str], ...] = (
     ("trials", "end_deg", "deg", "observable", "commanded end of the stretch"),
     ("trials", "duration_s", "s", "observable", "duration"),
     ("trials", "rate_hz", "Hz", "observable", "samples a second in observables"),
+    ("trials", "reserve_nm", "N m", "privileged", "voluntary movements: what the muscles lack at the worst joint"),
     ("trials", "status", "", "key", "ok or failed"),
     ("trials", "reason", "", "key", "why the trial failed; empty otherwise"),
     ("observables", "time", "s", "observable", "from the start of the trial"),

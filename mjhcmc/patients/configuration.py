@@ -35,7 +35,7 @@ SHARES: dict[str, int] = {
 """Percent of the patients in each split, in the order of their indices."""
 
 _LARGEST = 2**63 - 1  # seed and index are int64 columns
-_POSITIVE = ("physics_dt", "control_dt", "rate")
+_POSITIVE = ("dt", "physics_dt", "rate")
 
 Setting = int | float | str
 

@@ -305,7 +305,7 @@ DISTRIBUTIONS: Mapping[str, Named] = MappingProxyType(
         "gain/velocity": Named(
             WithZeros(0.3, Kumaraswamy(1.0, 3.0, 0.02, 0.5)),
             "s",
-            f"{_NO_TABLE}; {_STRETCH}, which are answered with up to half of full excitation, mostly with less than a tenth",
+            f"{_NO_TABLE}; {_STRETCH}, which are answered with up to half of full excitation, mostly a tenth",
             rho=0.8,
             reason=_GAIN,
         ),

@@ -194,6 +194,23 @@ _COLUMNS = (
 )
 
 
+def healthy(height: float = 1.8, body_mass: float = 75.1646) -> Patient:
+    """A person with no reflex, contracture, tone or weakness; by default of leg8's size.
+
+    Args:
+        height: m.
+        body_mass: kg.
+    """
+    fractions = {f"{part}_mass_fraction": DISTRIBUTIONS[f"{part}_mass_fraction/M"].distribution.at(0.5) for part in
+                 ("thigh", "shank", "foot")}  # fmt: skip
+    none = tuple(GroupState(name, 0.0, 1.0, 0.6, 0.0, 0.0) for name in GROUPS)
+    return Patient(
+        seed=0, index=0, reflex="velocity", muscle="mujoco", sex="M", height=height, body_mass=body_mass, **fractions,
+        strength=1.0, paresis=1.0, severity=0.0, delay=0.035, cocontraction=0.0, activation_time=0.01,
+        deactivation_time=0.04, groups=none,
+    )  # fmt: skip
+
+
 def stream(seed: int, index: int, purpose: int) -> np.random.Generator:
     """The random numbers of one patient for one purpose, independent of all others.
 

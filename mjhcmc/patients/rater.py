@@ -16,7 +16,7 @@ from mjhcmc.errors import SettingsError
 from mjhcmc.patients.grades import rank, weighted_kappa
 from mjhcmc.patients.resistance import Resistance
 
-RATER_NOISE = 1.0
+RATER_NOISE = 0.6
 """Scale of all scatter of raters, set so that two of them agree on a cohort as raters do in published studies: with a
 quadratic-weighted kappa of .75 to .8, within the published .61 to .87."""
 

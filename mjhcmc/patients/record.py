@@ -31,8 +31,7 @@ class Record:
         fiber_length: (n, 8) optimal fiber lengths.
         fiber_velocity: (n, 8) optimal fiber lengths a second, lengthening positive.
         muscle_force: (n, 8) N, along the tendon.
-        reserve_share: of voluntary movements: the largest reserve over the same joint's largest moment; what muscles
-            lack to move as meant.
+        reserve: N m, of voluntary movements: the largest reserve at any joint; what muscles lack to move as meant.
         failure: why it ended early or is missing; empty where nothing failed.
     """
 
@@ -49,7 +48,7 @@ class Record:
     fiber_length: Array
     fiber_velocity: Array
     muscle_force: Array
-    reserve_share: float = 0.0
+    reserve: float = 0.0
     failure: str = ""
 
     @classmethod

@@ -1,4 +1,4 @@
-"""The four tables of a dataset, as Arrow tables: what is measured, what is hidden, who the patients are, what was asked."""
+"""The four tables of a dataset: what is measured, what is hidden, who the patients are, what was asked of them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _schemas() -> dict[str, pa.Schema]:
         ("test", pa.string()), ("joint", pa.string()), ("session", pa.string()), ("posture", pa.string()),
         ("examiner", pa.string()), ("speed_deg_s", pa.float64()), ("start_deg", pa.float64()),
         ("end_deg", pa.float64()), ("duration_s", pa.float64()), ("rate_hz", pa.float64()),
-        ("reserve_share", pa.float64()), ("status", pa.string()), ("reason", pa.string()),
+        ("reserve_nm", pa.float64()), ("status", pa.string()), ("reason", pa.string()),
     ]  # fmt: skip
     return {
         "trials": pa.schema(trials + _TRACE),
@@ -82,7 +82,7 @@ class Block:
                 row[f"{rater}/{joint}"] = of_joint.get(rater)
                 row[f"{rater}_rank/{joint}"] = of_joint.get(f"{rater}_rank")
             reading = of_joint.get("reading")
-            values = (None,) * len(_READINGS)
+            values: tuple[Any, ...] = (None,) * len(_READINGS)
             if reading is not None:
                 caught = float(np.degrees(reading.catch_angle)) if reading.catch else None
                 values = (caught, reading.peak_after_catch if reading.catch else reading.peak,
@@ -102,7 +102,7 @@ class Block:
                 "examiner": trial.examiner, "speed_deg_s": round(float(np.degrees(trial.speed)), 6),
                 "start_deg": round(float(np.degrees(trial.start)), 6),
                 "end_deg": round(float(np.degrees(trial.end)), 6), "duration_s": duration, "rate_hz": trial.rate,
-                "reserve_share": record.reserve_share, "status": "failed" if record.failure else "ok",
+                "reserve_nm": record.reserve, "status": "failed" if record.failure else "ok",
                 "reason": record.failure,
             } | self._traced()
         )  # fmt: skip

@@ -106,7 +106,7 @@ class Trial:
         return min_jerk(time - REST, *way)
 
 
-def min_jerk(since: ArrayLike, start: Array, end: Array, movement_time: Array) -> tuple[Array, Array, Array]:
+def min_jerk(since: Array | float, start: Array, end: Array, movement_time: Array) -> tuple[Array, Array, Array]:
     """A movement of minimum jerk: s(x) = 10 x^3 - 15 x^4 + 6 x^5, x = t/T (Flash, Hogan 1985).
 
     Args:
@@ -130,7 +130,7 @@ _WAYS_DEG: Mapping[str, tuple[float, float, tuple[float, float, float]]] = {
     # from, to, and where the joints are at first: positions of a lying patient that stretch one group
     "hip": (45.0, -10.0, (45.0, -45.0, 0.0)),
     "knee": (-15.0, -100.0, (15.0, -15.0, 0.0)),
-    "ankle": (-35.0, 15.0, (20.0, -10.0, -35.0)),
+    "ankle": (-35.0, 10.0, (20.0, -15.0, -35.0)),
 }
 """Joint under test: start and end of the stretch, and the pose, deg."""
 
@@ -164,20 +164,19 @@ def stretch(
         raise SettingsError(f"joint {joint!r} cannot be stretched: choose one of {', '.join(_WAYS_DEG)}")
     if test not in TESTS[:3]:
         raise SettingsError(f"test {test!r} is no passive stretch: choose one of {', '.join(TESTS[:3])}")
-    start, end, pose = (np.radians(value) for value in _WAYS_DEG[joint])
-    if speed is None:
-        speed, told = MIN_JERK_PEAK * abs(end - start) / MAS_TIME, ""
-    else:
-        told = f"_{math.degrees(speed):.0f}"
-    if not (math.isfinite(speed) and speed > 0):
+    first, last, pose = (np.radians(value) for value in _WAYS_DEG[joint])
+    start, end = float(first), float(last)
+    told = "" if speed is None else f"_{math.degrees(speed):.0f}"
+    peak = MIN_JERK_PEAK * abs(end - start) / MAS_TIME if speed is None else float(speed)
+    if not (math.isfinite(peak) and peak > 0):
         raise SettingsError(f"a stretch takes a positive speed in rad/s; got {speed}")
-    duration = REST + MIN_JERK_PEAK * abs(end - start) / speed + HOLD
+    duration = REST + MIN_JERK_PEAK * abs(end - start) / peak + HOLD
     name = f"{test}{told}/{joint}" + ("" if session == "instrumented" else f"/{session}")
-    steps = math.ceil(duration * rate - 1e-9)
+    hip, knee, ankle = pose.tolist()
+    whole = math.ceil(duration * rate - 1e-9) / rate
     return Trial(
-        name, test, joint, float(start), float(end), speed, steps / rate, examiner, "side_lying",
-        tuple(float(value) for value in pose), session, rate,
-    )  # type: ignore[arg-type]  # fmt: skip
+        name, test, joint, start, end, peak, whole, examiner, "side_lying", (hip, knee, ankle), session, rate
+    )  # fmt: skip
 
 
 def pendulum(rate: float = 100.0, *, duration: float = 6.0) -> Trial:

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjhcmc.errors import MjhcmcError, MjhcmcWarning
+from mjhcmc.errors import MjhcmcError, MjhcmcWarning, SimulationError
 from mjhcmc.external_loads import ExternalLoads
 from mjhcmc.imposed import Imposed
 from mjhcmc.leg8.table import JOINTS
@@ -55,55 +55,62 @@ def move(
     Returns:
         A record for each, sampled every dt; one that fails names the reason.
     """
-    models, kind = [case.model for case in cases], cases[0].patient.muscle
+    kind = cases[0].patient.muscle
     drives = [drive_of(case.patient, case.trial.session) for case in cases]
-    nodes = [motion.start + dt * np.arange(int(motion.duration / dt + 1e-6) + 1) for motion in motions]
-    paths = [_fibers(model, motion, time) for model, motion, time in zip(models, motions, nodes, strict=True)]
-    spill: list[Array] = [np.zeros_like(speed) for _, speed in paths]
-    force: list[Array | None] = [None] * len(cases)
-    results: list[Solution | MjhcmcError] = []
-    reflexes: list[Array] = []
+    nodes = [np.asarray(m.start + dt * np.arange(int(m.duration / dt + 1e-6) + 1), dtype=np.float64) for m in motions]
+    paths = [_fibers(case.model, motion, time) for case, motion, time in zip(cases, motions, nodes, strict=True)]
+    found: dict[int, Solution | MjhcmcError] = {}
+    reflexes: dict[int, Array] = {}
     for _ in range(PASSES):
-        reflexes = [
-            _reflex(drive, time, speed, pulled, model)
-            for drive, time, (_, speed), pulled, model in zip(drives, nodes, paths, force, models, strict=True)
-        ]
-        imposed = [
-            Imposed(_whole(time, motion), np.clip(drive.tone + reflex + extra, 0.0, 1.0))
-            for time, motion, drive, reflex, extra in zip(nodes, motions, drives, reflexes, spill, strict=True)
-        ]
-        results = _solve(models, motions, loads, imposed, dt, physics_dt, kind, threads)
-        for i, (found, drive) in enumerate(zip(results, drives, strict=True)):
-            if isinstance(found, Solution):
-                u = np.vstack([found.excitation, found.excitation[-1:]])
-                spill[i] = drive.cocontraction * (u @ ANTAGONISTS)
-                force[i] = found.muscle_force
-    return [
-        _record(case, time, path, reflex, found)
-        for case, time, path, reflex, found in zip(cases, nodes, paths, reflexes, results, strict=True)
-    ]
+        imposed = {}
+        for i, case in enumerate(cases):
+            before = found.get(i)
+            if isinstance(before, MjhcmcError):
+                continue
+            reflexes[i] = _reflex(drives[i], nodes[i], paths[i][1], before, case.model)
+            spill = 0.0 if before is None else drives[i].cocontraction * (_at_nodes(before.excitation) @ ANTAGONISTS)
+            floor = np.clip(drives[i].tone + reflexes[i] + spill, 0.0, 1.0)
+            imposed[i] = Imposed(_whole(nodes[i], motions[i]), floor)
+        if imposed:
+            some = [(cases[i].model, motions[i], None if loads is None else loads[i]) for i in imposed]
+            solved = _solve(some, list(imposed.values()), dt, physics_dt, kind, threads)
+            found.update(zip(imposed, solved, strict=True))
+    return [_record(case, paths[i], reflexes[i], found[i]) for i, case in enumerate(cases)]
+
+
+def _at_nodes(u: Array) -> Array:
+    """(N + 1, n) at the nodes, of what is constant over the windows after them."""
+    return np.vstack([u, u[-1:]])
 
 
 def _solve(
-    models: Sequence[MuscleModel],
-    motions: Sequence[Motion],
-    loads: Sequence[ExternalLoads | None] | None,
+    some: Sequence[tuple[MuscleModel, Motion, ExternalLoads | None]],
     imposed: Sequence[Imposed],
     dt: float,
     physics_dt: float,
     kind: str,
     threads: int,
 ) -> list[Solution | MjhcmcError]:
+    models, motions, loads = zip(*some, strict=True)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", MjhcmcWarning)  # failures are in the records
             batch = hcmc_batch(
                 models, motions, dt, physics_dt, threads=threads, imposed=imposed, muscle=kind, curves=CURVES,
-                loads=loads,  # type: ignore[arg-type]
+                loads=loads if any(one is not None for one in loads) else None,
             )  # fmt: skip
-    except MjhcmcError as error:
-        return [error] * len(models)
-    return [batch.errors[i] if i in batch.errors else batch[i] for i in range(len(models))]
+    except MjhcmcError as error:  # no one could be solved: with the first one's reason
+        return [error] * len(some)
+    found = [batch.errors[i] if i in batch.errors else batch[i] for i in range(len(some))]
+    return [_checked(one) for one in found]
+
+
+def _checked(found: Solution | MjhcmcError) -> Solution | MjhcmcError:
+    if isinstance(found, Solution) and not all(
+        np.isfinite(part).all() for part in (found.excitation, found.activation, found.qpos, found.muscle_force)
+    ):
+        return SimulationError("the movement's solution holds values that are not finite")
+    return found
 
 
 def _whole(time: Array, motion: Motion) -> Array:
@@ -128,29 +135,27 @@ def _fibers(model: MuscleModel, motion: Motion, time: Array) -> tuple[Array, Arr
     return first + (length - shortest) / L0, speed / L0
 
 
-def _reflex(drive: Drive, time: Array, speed: Array, pulled: Array | None, model: MuscleModel) -> Array:
+def _reflex(drive: Drive, time: Array, speed: Array, before: Solution | None, model: MuscleModel) -> Array:
+    """(N + 1, n) at the nodes, in the middle of the period after each; forces are those of the pass before."""
     period = float(time[1] - time[0])
-    law = ReflexLaw(
-        drive.mode, drive.gain[None], drive.threshold[None], np.array([max(drive.delay - period / 2, 0.0)]), period
-    )
+    delay = np.array([max(drive.delay - period / 2, 0.0)])
+    law = ReflexLaw(drive.mode, drive.gain[None], drive.threshold[None], delay, period)
     force = None
     if drive.mode == "force":
-        force = np.zeros_like(speed) if pulled is None else pulled / model.max_isometric_force
+        force = np.zeros_like(speed) if before is None else before.muscle_force / model.max_isometric_force
     return np.asarray(reflex_along(law, time, speed, force))
 
 
 def _record(
-    case: Case, time: Array, path: tuple[Array, Array], reflex: Array, found: Solution | MjhcmcError
+    case: Case, path: tuple[Array, Array], reflex: Array, found: Solution | MjhcmcError
 ) -> Record:  # fmt: skip
     if not isinstance(found, Solution):
         return Record.missing(case.trial, f"{case.trial.name}: {found}")
     joints = [case.model.dof_names.index(joint) for joint in JOINTS]
     since = found.time - found.time[0]
     qvel = np.asarray(found.qvel)[:, joints]
-    peak = np.abs(found.net_joint_moment[:, joints]).max(axis=0)
-    share = np.abs(found.reserve[:, joints]).max(axis=0) / np.maximum(peak, 1e-9)
     return Record(
         case.trial, since, found.qpos[:, joints], qvel, np.gradient(qvel, since, axis=0),
-        np.zeros((len(since), len(JOINTS))), 0.0, np.vstack([found.excitation, found.excitation[-1:]]), reflex,
-        found.activation, *path, found.muscle_force, reserve_share=float(share.max()),
+        np.zeros((len(since), len(JOINTS))), 0.0, _at_nodes(found.excitation), reflex,
+        found.activation, *path, found.muscle_force, reserve=float(np.abs(found.reserve[:, joints]).max()),
     )  # fmt: skip

@@ -7,6 +7,7 @@ not grow with the number of jobs.
 from __future__ import annotations
 
 import asyncio
+import logging
 import multiprocessing
 import multiprocessing.resource_tracker as resource_tracker
 import os
@@ -182,17 +183,32 @@ def on_cluster(address: str) -> Iterator[Runner]:
     except ImportError as error:
         raise SettingsError("a cluster needs dask.distributed: pip install 'mjhcmc[cluster]'") from error
     connect: Any = Client
+    with _silent("distributed", "distributed.client"):
+        try:
+            client = connect(address, timeout=CONNECT)
+        except (OSError, ValueError, RuntimeError, TypeError) as error:
+            raise SettingsError(
+                f"cluster {address!r}: no dask scheduler answers there: check the address, or start one (dask "
+                "scheduler), or leave the cluster out"
+            ) from error
+        with client:
+            if not client.nthreads():
+                warnings.warn(f"cluster {address!r} has no workers yet: waiting for some", MjhcmcWarning, stacklevel=3)
+            yield partial(_run_on, client, address)
+
+
+@contextmanager
+def _silent(*names: str) -> Iterator[None]:
+    """Keep loggers from printing tracebacks of connections that are lost: that is told once, as an error."""
+    loggers = [logging.getLogger(name) for name in names]
+    before = [logger.level for logger in loggers]
     try:
-        client = connect(address, timeout=CONNECT)
-    except (OSError, ValueError, RuntimeError, TypeError) as error:
-        raise SettingsError(
-            f"cluster {address!r}: no dask scheduler answers there: check the address, or start one (dask scheduler), "
-            "or leave the cluster out"
-        ) from error
-    with client:
-        if not client.nthreads():
-            warnings.warn(f"cluster {address!r} has no workers yet: waiting for some", MjhcmcWarning, stacklevel=3)
-        yield partial(_run_on, client, address)
+        for logger in loggers:
+            logger.setLevel(logging.CRITICAL)
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 def _run_on(client: Any, address: str, work: Work, jobs: Iterable[Any]) -> Iterator[Any]:

@@ -211,7 +211,8 @@ def _threads(rows: int) -> AbstractContextManager[Any]:
     """How many threads trees may use for so many rows."""
     from threadpoolctl import threadpool_limits  # comes with scikit-learn
 
-    return threadpool_limits(1 if rows < _THREADS_FROM else None, user_api="openmp")
+    limit: AbstractContextManager[Any] = threadpool_limits(1 if rows < _THREADS_FROM else None, user_api="openmp")
+    return limit
 
 
 def _cut(score: Callable[[Array], Array], cuts: Array) -> Predict:

@@ -22,6 +22,7 @@ from mjhcmc.patients.learning.read import (
     Columns,
     Dataset,
     Guarded,
+    check_columns,
     column_names,
     read_columns,
 )
@@ -99,6 +100,10 @@ def load_cohort(
     for joint in joints:
         if joint not in READS:
             raise SettingsError(f"joint {joint!r} is not graded: choose one of {', '.join(READS)}")
+    for folders in dataset.shards.values():  # all of them, before the work begins
+        for folder in folders:
+            for table, columns in _needed(joints).items():
+                check_columns(folder / f"{table}.parquet", columns)
     parts: list[_Part] = []
     failed: dict[str, int] = {}
     for name, folders in dataset.shards.items():
@@ -133,6 +138,13 @@ def load_cohort(
     )
 
 
+def _needed(joints: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """By table, the columns without which nothing can be learned."""
+    needed = {table: (*KEYS[table], *READABLE[table]) for table in KEYS}
+    needed["patients"] += tuple(f"{reader}_rank/{joint}" for reader in READERS for joint in joints)
+    return needed
+
+
 def _joined(parts: list[dict[str, Array]], shapes: list[tuple[int, ...]]) -> dict[str, Array]:
     """Columns of all shards; nan where a shard lacks one."""
     names = dict.fromkeys(name for part in parts for name in part)
@@ -162,9 +174,9 @@ class _Part:
 
 def _read_shard(folder: Path, split: str, joints: tuple[str, ...]) -> _Part:
     path = folder / "patients.parquet"
-    labels = tuple(f"{reader}_rank/{joint}" for reader in READERS for joint in joints)
+    needed = _needed(joints)
     latent_names = tuple(name for name in column_names(path) if name.startswith("latent/"))
-    people = read_columns(path, (*KEYS["patients"], *READABLE["patients"], *labels, *latent_names))
+    people = read_columns(path, (*needed["patients"], *latent_names))
     index = people["patient"].astype(np.int64)
     kept, first = np.unique(index, return_index=True)
     if len(kept) < len(index):
@@ -174,13 +186,12 @@ def _read_shard(folder: Path, split: str, joints: tuple[str, ...]) -> _Part:
     people = {name: values[ok] for name, values in people.items()}
     index = people["patient"].astype(np.int64)
     grades = {reader: _ranks(people, reader, joints, path) for reader in READERS}
-    trials = read_columns(folder / "trials.parquet", (*KEYS["trials"], *READABLE["trials"]))
+    trials = read_columns(folder / "trials.parquet", needed["trials"])
     rows = _trial_rows(trials)
 
     samples_path = folder / "observables.parquet"
-    listed = (*KEYS["observables"], *READABLE["observables"])
-    undeclared = tuple(name for name in column_names(samples_path) if name not in (*listed, *ORIGIN))
-    observables = read_columns(samples_path, (*listed, *undeclared))
+    undeclared = tuple(name for name in column_names(samples_path) if name not in (*needed["observables"], *ORIGIN))
+    observables = read_columns(samples_path, (*needed["observables"], *undeclared))
     where = _segments(observables, samples_path)
 
     features = {joint: np.full((len(index), len(feature_names(joint))), np.nan, np.float32) for joint in joints}

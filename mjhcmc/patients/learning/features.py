@@ -166,8 +166,8 @@ def stretch_features(joint: str, row: TrialRow, o: Mapping[str, Column], size: t
     time, q, v, torque = (np.asarray(o[name], dtype=np.float64) for name in READS[joint]["stretch"])
     good = np.isfinite(time) & np.isfinite(q) & np.isfinite(v) & np.isfinite(torque)
     time, q, v, torque = time[good], q[good], v[good], torque[good]
-    before = time < REST
-    if before.sum() < 3 or (~before).sum() < 8:
+    before, after = time < REST - 0.1, time >= REST  # averages of torque reach over 0.1 s
+    if before.sum() < 3 or after.sum() < 8:
         return {}
     sign, way = math.copysign(1.0, row.end - row.start), abs(row.end - row.start)
     step = float(np.median(np.diff(time)))
@@ -175,9 +175,9 @@ def stretch_features(joint: str, row: TrialRow, o: Mapping[str, Column], size: t
     acceleration = np.gradient(_smooth(v, _SMOOTH, step), step)
     torque = _smooth(sign * (torque - inertia_per_size(joint) * mass * height**2 * acceleration), 0.05, step)
     rest = float(torque[before].mean()) / (mass * height)
-    resistance = torque[~before] / (mass * height) - rest
-    part = _smooth(sign * (q[~before] - row.start) / way, 0.05, step)
-    t, speed = time[~before] - REST, _smooth(sign * v[~before], 0.05, step)
+    resistance = torque[after] / (mass * height) - rest
+    part = _smooth(sign * (q[after] - row.start) / way, 0.05, step)
+    t, speed = time[after] - REST, _smooth(sign * v[after], 0.05, step)
     arrived = int(np.argmax(part >= 0.98)) if (part >= 0.98).any() else int(np.argmax(part))
     moving = slice(0, max(arrived, 2) + 1)
     at = {f"at{x}": _at(part, resistance, x / 100) for x in (25, 50, 75, 95)}

@@ -62,7 +62,9 @@ class OrdinalLogistic:
         below = np.cumsum(np.bincount(rank))[:-1] / len(rank)
         theta = np.log(below / (1 - below))
         start = np.concatenate([theta[:1], np.log(np.diff(theta)), np.zeros(x.shape[1])])
-        found = minimize(self._loss, start, (x, rank, n_class), "L-BFGS-B", True, options={"maxiter": 1000})
+        found = minimize(
+            self._loss, start, (x, rank, n_class), "L-BFGS-B", True, options={"maxiter": 1000, "ftol": 1e-11}
+        )
         self.thresholds = _thresholds(found.x[: n_class - 1])
         self.coefficients = found.x[n_class - 1 :]
         return self

@@ -146,6 +146,18 @@ def column_names(path: Path) -> tuple[str, ...]:
         raise OutputError(f"{path}: cannot be read ({error}): generate this shard again") from None
 
 
+def check_columns(path: Path, names: tuple[str, ...]) -> None:
+    """See that a Parquet file has these columns.
+
+    Raises:
+        OutputError: the file or a column is missing.
+    """
+    there = column_names(path)
+    for name in names:
+        if name not in there:
+            raise OutputError(f"{path}: column {name!r} is missing: generate the dataset with this version")
+
+
 def read_columns(path: Path, names: tuple[str, ...]) -> Columns:
     """Columns of a Parquet file as arrays; text as objects, missing numbers nan, missing text empty.
 
@@ -159,10 +171,7 @@ def read_columns(path: Path, names: tuple[str, ...]) -> Columns:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    there = column_names(path)
-    for name in names:
-        if name not in there:
-            raise OutputError(f"{path}: column {name!r} is missing: generate the dataset with this version")
+    check_columns(path, names)
     try:
         table = pq.read_table(path, columns=list(names), partitioning=None)
     except (OSError, ValueError) as error:

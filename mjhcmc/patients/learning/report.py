@@ -88,13 +88,12 @@ class GradeReport:
         """As Markdown, for a person."""
         lines = [
             f"Grades of {self.target} by {', '.join(self.cohort.joints)}; scores are means over joints with "
-            "95 % intervals over patients."
+            "95 % intervals over patients.",
+            "",
+            f"train: {self._count('train')}",
         ]
         for split, rows in self.scores.items():
-            n, failed = len(self.cohort.rows(split)), self.cohort.failed[split]
-            few = ", few: little is certain" if n < _FEW else ""
-            left_out = f", {failed} failed and left out" if failed else ""
-            lines += ["", f"{split}: {n} patients{left_out}{few}", ""]
+            lines += ["", f"{split}: {self._count(split)}", ""]
             table = [["", "kappa", "macro-F1", "MAE (ranks)", "within one", "kappa by joint"]]
             for name, scores in rows.items():
                 by_joint = " ".join(f"{round(value, 2) + 0.0:.2f}" for value in scores.by_joint)
@@ -107,6 +106,11 @@ class GradeReport:
             lines += [f"      {reason}" for reason in check.reasons]
         lines.append("No leak found." if self.leaks.passed else "Leakage: explain what is flagged before any score.")
         return "\n".join(lines)
+
+    def _count(self, split: str) -> str:
+        n, failed = len(self.cohort.rows(split)), self.cohort.failed[split]
+        left_out = f", {failed} failed and left out" if failed else ""
+        return f"{n} patients{left_out}" + (", few: little is certain" if n < _FEW else "")
 
     def figure(self) -> Figure:
         """Confusion matrices on test."""

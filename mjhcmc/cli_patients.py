@@ -1,0 +1,127 @@
+"""The commands ``mjhcmc patients ...``."""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjhcmc.cli_support import FILE, QUIET, VERBOSE, engine_notices, told
+from mjhcmc.errors import MjhcmcWarning
+
+if TYPE_CHECKING:
+    from mjhcmc.patients.manifest import Manifest
+
+
+@click.group()
+def patients() -> None:
+    """Virtual patients with spasticity: datasets of clinical tests."""
+
+
+@patients.command()
+@click.option("--n", "number", type=click.IntRange(min=1), required=True, help="Patients.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of all patients.")
+@click.option("--out", type=FILE, metavar="DIR", required=True, help="Folder of the dataset; begun there, it goes on.")
+@click.option(
+    "--workers", type=click.IntRange(min=1), default=None, help="Processes to compute on.  [default: 1, this one]"
+)
+@click.option(
+    "--cluster", metavar="ADDRESS", help="Of a dask scheduler, whose workers compute instead (extra cluster)."
+)
+@click.option("--shard-size", type=click.IntRange(min=1), default=25, show_default=True, help="Patients a shard.")
+@click.option("--physics-dt", type=float, default=None, help="Largest physics step, s.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+@QUIET
+@VERBOSE
+def generate(
+    number: int, seed: int, out: Path, workers: int | None, cluster: str | None, shard_size: int,
+    physics_dt: float | None, as_json: bool, quiet: bool, verbose: int,
+) -> int:  # fmt: skip
+    """Simulate patients into a dataset of Parquet shards.
+
+    Killed, or interrupted, and started again, it goes on where it was, to the same bytes.
+    """
+    if quiet:
+        warnings.simplefilter("ignore", MjhcmcWarning)
+    if cluster is not None and workers is not None:
+        raise click.UsageError("--workers and --cluster exclude each other: give one of them")
+    click.get_current_context().with_resource(told(verbose))
+    from mjhcmc.patients.configuration import Configuration
+    from mjhcmc.patients.generate import generate as run
+
+    click.get_current_context().with_resource(engine_notices())
+    changes = {} if physics_dt is None else {"physics_dt": physics_dt}
+    configuration = Configuration.with_defaults(number, seed, shard_size, **changes)
+    started = time.perf_counter()
+    try:
+        manifest = run(
+            configuration, out, workers=workers or 1, cluster=cluster, progress=False if quiet or as_json else None
+        )
+    except KeyboardInterrupt:
+        click.echo(f"mjhcmc: {out} keeps the shards that are whole: the same command goes on from there", err=True)
+        raise
+    seconds = time.perf_counter() - started
+    if as_json:
+        click.echo(json.dumps(_numbers(manifest, out, seconds)))
+    elif not quiet:
+        click.echo(_summary(manifest, out, seconds))
+    return 0
+
+
+@patients.command("grade")
+@click.argument("folder", type=FILE, metavar="DIR")
+@click.option("--joint", metavar="NAME", help="Grade only hip, knee or ankle; every joint by default.")
+@click.option("--target", default="rater_a", show_default=True, help="Whose grades are learned: rater_a or ideal.")
+@click.option("--out", type=FILE, metavar="DIR", help="Folder for grade.json and the figure; none by default.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+@QUIET
+@VERBOSE
+def grade(
+    folder: Path, joint: str | None, target: str, out: Path | None, as_json: bool, quiet: bool, verbose: int
+) -> int:
+    """Learn grades from what an examiner could measure, and search the dataset DIR for leaks.
+
+    Exit code 1 where the search flags something.
+    """
+    if quiet:
+        warnings.simplefilter("ignore", MjhcmcWarning)
+    click.get_current_context().with_resource(told(verbose))
+    from mjhcmc.patients.learning.report import grade_command
+
+    return grade_command(folder, as_json, quiet, joint=joint, target=target, out=out)
+
+
+def _numbers(manifest: Manifest, out: Path, seconds: float) -> dict[str, object]:
+    return {
+        "out": str(out),
+        "patients": manifest.patients,
+        "made": manifest.made,
+        "failed": manifest.failed,
+        "shards": len(manifest.shards),
+        "bytes": manifest.size,
+        "seconds": seconds,
+        "patients_per_second": manifest.made / seconds,
+        "hash": manifest.hash,
+        "generator": manifest.generator,
+    }
+
+
+def _summary(manifest: Manifest, out: Path, seconds: float) -> str:
+    kept = manifest.patients - manifest.made
+    made = f"{manifest.made / seconds:.3g} patients/s over {seconds:.0f} s" if manifest.made else "nothing to do"
+    return (
+        f"{manifest.patients} patients, {manifest.failed} failed, {len(manifest.shards)} shards, "
+        f"{_size(manifest.size)}; {made}{f', {kept} patients were there' if kept else ''}\nwritten  {out}"
+    )
+
+
+def _size(count: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} GB"
