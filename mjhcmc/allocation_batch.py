@@ -96,6 +96,10 @@ class AllocationBatch:
         """Number of problems."""
         return len(self.B)
 
+    def of(self, which: NDArray[np.bool_]) -> AllocationBatch:
+        """Some of the problems."""
+        return AllocationBatch(*(getattr(self, field.name)[which] for field in fields(self)))
+
     def problem(self, k: int) -> AllocationProblem:
         """Member k by itself."""
         return AllocationProblem(

@@ -95,6 +95,41 @@ def grade(
     return grade_command(folder, as_json, quiet, joint=joint, target=target, out=out)
 
 
+@patients.command("show")
+@click.argument("folder", type=FILE, metavar="[DIR]", required=False)
+@click.option("--patient", "patient", type=int, metavar="I", help="Index of one patient; all of them by default.")
+@click.option("--seed", type=click.IntRange(min=0), help="Without DIR: draw and simulate a patient of this seed ...")
+@click.option("--index", type=click.IntRange(min=0), help="... and this index, as generate would.")
+@click.option("--trial", metavar="NAME", help="Draw one trial of the patient, such as mas/knee.")
+@click.option("--out", type=FILE, metavar="DIR", help="Folder for the figure; ./mjhcmc-patient, or none with --json.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+@QUIET
+@VERBOSE
+def show(
+    folder: Path | None, patient: int | None, seed: int | None, index: int | None, trial: str | None, out: Path | None,
+    as_json: bool, quiet: bool, verbose: int,
+) -> int:  # fmt: skip
+    """A look at the dataset DIR, at one of its patients, or at a patient simulated now (--seed and --index)."""
+    if quiet:
+        warnings.simplefilter("ignore", MjhcmcWarning)
+    drawn = None if seed is None or index is None else (seed, index)
+    if (seed is None) != (index is None):
+        raise click.UsageError("--seed and --index belong together: give both")
+    if (folder is None) == (drawn is None):
+        raise click.UsageError("show either a dataset DIR, or a patient simulated now (--seed and --index)")
+    if drawn is not None and patient is not None:
+        raise click.UsageError("--patient is one of a dataset DIR: with --seed give --index")
+    if trial is not None and patient is None and drawn is None:
+        raise click.UsageError("--trial is one of a patient: give --patient too")
+    click.get_current_context().with_resource(told(verbose))
+    from mjhcmc.patients.show import show_command
+
+    click.get_current_context().with_resource(engine_notices())
+    if out is None and not as_json:
+        out = Path("mjhcmc-patient")
+    return show_command(folder, patient, drawn, trial, out, as_json, quiet)
+
+
 def _numbers(manifest: Manifest, out: Path, seconds: float) -> dict[str, object]:
     return {
         "out": str(out),

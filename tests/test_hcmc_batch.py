@@ -1,5 +1,6 @@
 """Many movements in lock step: each as if solved alone, whatever happens to the others."""
 
+import copy
 import re
 
 import mujoco
@@ -448,3 +449,26 @@ def test_a_window_that_missed_is_looked_at_anew(leg8):
     error = np.rad2deg(np.abs(solution.tracking_error))
     assert error.max() < 2.6  # by the expected end alone: 3.3
     assert not (solution.status == mjhcmc.WindowStatus.STIFF).any()
+
+
+def weak(leg8, i):
+    """A leg much too weak for fast movements: reserves, and velocities at which muscles can do nothing."""
+    m = copy.copy(leg8.mj_model)
+    strength = 0.25 + 0.1 * i
+    m.actuator_gainprm[:, 2] *= strength
+    m.actuator_biasprm[:, 2] *= strength
+    m.tendon_damping[:] *= strength
+    m.actuator_gainprm[:, 7] *= 4.0 / strength
+    m.actuator_biasprm[:, 7] *= 4.0 / strength
+    return mjhcmc.MuscleModel.load(m)
+
+
+@pytest.mark.filterwarnings("ignore::mjhcmc.errors.MjhcmcWarning")
+def test_company_changes_no_bit_where_muscles_are_far_beyond_their_strength(leg8, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo logs what diverges
+    models = [weak(leg8, i) for i in range(3)]
+    motions = [short(model, scale=3.0) for model in models]
+    batch = mjhcmc.hcmc_batch(models, motions, physics_dt=0.002)
+    for i, (model, motion) in enumerate(zip(models, motions, strict=True)):
+        assert np.abs(batch[i].reserve).max() > 50
+        assert_identical(batch[i], mjhcmc.hcmc(model, motion, physics_dt=0.002))

@@ -9,7 +9,7 @@ import mjhcmc
 from mjhcmc.methods import METHODS, find_method
 
 OWN = {
-    "hcmc": {"trials", "tolerance", "gain", "authority"},
+    "hcmc": {"trials", "tolerance", "gain", "authority", "imposed"},
     "cmc": {"look_ahead", "kp", "kv"},
     "static": set(),
 }

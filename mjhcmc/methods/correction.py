@@ -6,7 +6,6 @@ windows with large reserves, whose optimum needs care, go step by step. One or m
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 
 import numba
@@ -52,6 +51,41 @@ def correct(
         reserves: whether what the muscles leave is given by reserves.
         threads: to compute on.
     """
+    bares, group = np.unique(_bare(trial.B), axis=0, return_inverse=True)
+    if len(bares) == 1:
+        return _correct(trial, reach, sharing, price, bares[0], reserves=reserves, threads=threads)
+    whole = Correction(np.empty_like(trial.excitation), np.empty_like(price), {}, np.empty(len(price)))
+    for kind in range(len(bares)):  # each simulation as it would be alone
+        which = np.flatnonzero(group.ravel() == kind)
+        own = price[which]
+        found = _correct(
+            trial.of(which), reach.of(which), sharing.of(which), own, bares[kind], reserves=reserves, threads=threads
+        )
+        price[which] = own
+        whole.excitation[which], whole.shortfall[which], whole.fastest_rate[which] = (
+            found.excitation, found.shortfall, found.fastest_rate
+        )  # fmt: skip
+        whole.errors.update({int(which[i]): error for i, error in found.errors.items()})
+    return whole
+
+
+def _bare(B: Array) -> NDArray[np.bool_]:
+    """(b, nv) True for degrees of freedom that no muscle moves."""
+    strength = np.abs(B).max(axis=2)
+    return np.asarray(strength <= _NO_STRENGTH * strength.max(axis=1, keepdims=True, initial=0.0))
+
+
+def _correct(
+    trial: Trial,
+    reach: Reach,
+    sharing: Sharing,
+    price: Array,
+    bare: NDArray[np.bool_],
+    *,
+    reserves: bool,
+    threads: int,
+) -> Correction:
+    """As `correct`, of simulations in which muscles leave the same degrees of freedom bare (nv,)."""
     b, nv, n = trial.B.shape
     answers, wanted, Q = np.empty((b, nv, n + nv)), np.empty((b, nv)), np.empty((b, nv))
     rate = np.empty(b)
@@ -64,7 +98,6 @@ def correct(
         )  # fmt: skip
 
     in_chunks(chunk, b, threads)
-    bare = np.abs(trial.B).max(axis=(0, 2)) <= _NO_STRENGTH * np.abs(trial.B).max(initial=0.0)
     if not (reserves and bare.any()) or bare.all():
         found = _share_all(trial, reach, sharing, price, (answers, wanted, Q), reserves=reserves, threads=threads)
         return Correction(sharing.excitation(found[0]), found[2], found[3], rate)
@@ -178,22 +211,33 @@ def _share_carefully(
     inertia = np.stack([reserve_price(one, reserves=reserves) for one in M])
     lb, ub = sharing.of(which).bounds(low, high)
     batch = build_batch(B, Q, lb, ub, inertia=inertia, w=w, a0=a0)
-    missing = wanted
-    for _ in range(_MOST_REFINEMENTS):
+    found, todo, missing = _nothing(B), np.arange(len(which)), wanted
+    for _ in range(_MOST_REFINEMENTS):  # each by itself as often as it needs: company changes no bit
         batch = replace(batch, Q=batch.Q + missing)
-        found = allocate_many(batch, price)
-        price = found.multiplier
-        change = A @ (found.activation - a_end)[:, :, None] - T @ s_end[:, :, None]
-        left = wanted - change[:, :, 0] - found.reserve
+        some = allocate_many(batch, price)
+        change = A @ (some.activation - a_end)[:, :, None] - T @ s_end[:, :, None]
+        left = wanted - change[:, :, 0] - some.reserve
+        for part, whole in zip((some.activation, some.reserve, some.multiplier, some.status), found, strict=True):
+            whole[todo] = part
         rough = np.abs(left).max(axis=1) > _REFINED * np.abs(wanted).max(axis=1)
         if not rough.any():
             break
-        missing = np.where(rough[:, None], left, 0.0)
-    with suppress(np.linalg.LinAlgError):
-        shortfall[which] = np.linalg.solve(T, found.reserve[:, :, None])[:, :, 0]
-        goal[which], cost[2][which] = found.activation, price
-        return which[found.status > AllocationStatus.BY_BACK_END]
-    return which
+        todo, batch, missing, price = todo[rough], batch.of(rough), left[rough], some.multiplier[rough]
+        A, T, a_end, s_end, wanted = (part[rough] for part in (A, T, a_end, s_end, wanted))
+    activation, reserve, multiplier, status = found
+    routine = status <= AllocationStatus.BY_BACK_END
+    T = answers[:, :, n:]
+    routine &= np.linalg.matrix_rank(np.where(np.isfinite(T), T, 0.0)) == T.shape[1]
+    done = which[routine]
+    shortfall[done] = np.linalg.solve(T[routine], reserve[routine, :, None])[:, :, 0]
+    goal[done], cost[2][done] = activation[routine], multiplier[routine]
+    return which[~routine]
+
+
+def _nothing(B: Array) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+    """Room for what `allocate_many` finds: activation, reserve, multiplier, status."""
+    b, nv, n = B.shape
+    return np.empty((b, n)), np.empty((b, nv)), np.empty((b, nv)), np.empty(b, dtype=np.int64)
 
 
 def _share_by(i: int, trial: Trial, sharing: Sharing, program: Program, reserves: bool) -> tuple[Array, Array]:

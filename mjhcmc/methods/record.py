@@ -152,8 +152,8 @@ class Record:
         hosted = windows.own_plant.hosted if windows.own_plant is not None else None
         if hosted is not None:
             everything["muscles"] = hosted.settings()
-        if windows.imposed is not None:
-            everything["imposed"] = True
+        if self._settings["method"] == "hcmc":
+            everything["imposed"] = windows.imposed is not None
         if given is not None:
             difference = np.abs(moment - given.sample(times)).max(axis=0)
             everything["joint_moment_difference"] = dict(zip(model.dof_names, difference.tolist(), strict=True))

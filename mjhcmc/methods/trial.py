@@ -53,6 +53,10 @@ class Trial(NamedTuple):
     cap: Array
     time: Array
 
+    def of(self, which: NDArray[np.intp]) -> Trial:
+        """That of some of the simulations."""
+        return Trial(*(part[which] if isinstance(part, np.ndarray) else part for part in self))  # type: ignore[arg-type]
+
 
 class Reach(NamedTuple):
     """How excitations become activations, in b simulations.

@@ -326,14 +326,14 @@ def fibers_of(
 def _body(case: Case, led: NDArray[np.bool_], arm: Arm | None) -> MuscleModel:
     """The leg as the trial has it: what is led is heavy, what a hand holds carries the hand."""
     m = heavy(copy.copy(case.model.mj_model), np.flatnonzero(led))
-    m.opt.gravity[:] = _gravity(case.trial)
+    m.opt.gravity[:] = gravity_of(case.trial)
     m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # nothing touches anything; looking takes time
     if arm is not None:
         m.dof_armature[JOINTS.index(case.trial.joint)] += arm.hand
     return replace(case.model, mj_model=m)
 
 
-def _gravity(trial: Trial) -> tuple[float, float, float]:
+def gravity_of(trial: Trial) -> tuple[float, float, float]:
     """m/s^2, as the pelvis sees it."""
     if trial.posture == "side_lying":
         return 0.0, -_GRAVITY, 0.0

@@ -1,8 +1,9 @@
-"""Bursts: where a reflex begins, how large it is, and how well another signal tells it.
+"""Bursts: when a reflex begins, how large it is, and how well another signal tells it.
 
 A burst is there where a signal stays above a threshold for long enough (a threshold in size and one in duration:
-Bonato, D'Alessio, Knaflitz 1998, doi:10.1109/10.661154). Its begin and end are where it passes a share of its own peak:
-so they do not move with the signal's size, which an inference knows only as well as it knows the muscle's strength.
+Bonato, D'Alessio, Knaflitz 1998, doi:10.1109/10.661154). What counts is the first, the catch that an examiner feels; in
+clonus others follow, and larger ones. Its onset is where it passes a share of its own peak, so that it does not move
+with the signal's size, which an inference knows only as well as it knows the muscle's strength.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjhcmc.checks import is_number
 from mjhcmc.errors import MotionError, SettingsError
 
 Array = NDArray[np.float64]
@@ -25,8 +27,14 @@ THRESHOLD = 0.05
 SHORTEST = 0.02
 """s, that it does so at least."""
 
+CATCH = 0.2
+"""s, from passing the threshold, in which the peak of the first burst is looked for."""
+
 EDGE = 0.25
-"""Share of its peak at which a burst begins and ends."""
+"""Share of its peak at which a burst begins."""
+
+TOGETHER = 0.15
+"""s, that onsets may be apart for bursts to be the same."""
 
 MOST_LAG = 0.1
 """s, to either side, that signals are shifted for their best correlation."""
@@ -35,24 +43,22 @@ _LAG_STEP = 0.005  # s
 _FLAT = 1e-3  # of excitation, standard deviation: a signal that moves less correlates with nothing
 
 OUTCOMES = ("hit", "miss", "false alarm", "elsewhere", "none")
-"""Burst there and found; there and not found; found where there is none; both, but not at one time; neither."""
+"""Burst there and found; there and not found; found where there is none; both, but not together; neither."""
 
 
 @dataclass(frozen=True)
 class Burst:
-    """A burst of excitation.
+    """The first burst of a signal.
 
     Attributes:
         onset: s, where it rises through `EDGE` of its peak.
         peak_time: s.
-        end: s, where it falls through `EDGE` of its peak, or the signal ends.
-        peak: excitation.
-        area: s, excitation from onset to end, integrated.
+        peak: excitation, the largest within `CATCH`.
+        area: s, excitation above 0 from the onset to the signal's end, integrated: with all that follows.
     """
 
     onset: float
     peak_time: float
-    end: float
     peak: float
     area: float
 
@@ -60,13 +66,13 @@ class Burst:
 def find_burst(
     time: ArrayLike, signal: ArrayLike, *, threshold: float = THRESHOLD, shortest: float = SHORTEST
 ) -> Burst | None:
-    """The largest burst of a signal; None where there is none.
+    """The first burst of a signal; None where there is none.
 
     Args:
         time: (n,) s, evenly spaced.
         signal: (n,) excitation beside its baseline.
-        threshold: that it exceeds; of runs above it, the one of the largest area counts.
-        shortest: s, that it does so at least.
+        threshold: that it exceeds.
+        shortest: s, that it does so at least; each sample counts for a step.
 
     Raises:
         MotionError: shapes, fewer than 2 samples, or a value that is not finite.
@@ -74,28 +80,25 @@ def find_burst(
     """
     t, x = _pair(time, signal)
     for name, value in (("threshold", threshold), ("shortest", shortest)):
-        if not (math.isfinite(value) and value > 0):
-            raise SettingsError(f"{name} of a burst is {value}: give a positive number")
-    step = float(t[1] - t[0])
-    above = np.concatenate([[False], x > threshold, [False]])
-    edges = np.flatnonzero(np.diff(above.astype(np.int8)))
-    runs = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if (b - a) * step >= shortest - 1e-9]
-    if not runs:
+        if not (is_number(value) and 0 < value < np.inf):
+            raise SettingsError(f"{name} of a burst is {value!r}: give a positive number")
+    step = float(t[-1] - t[0]) / (len(t) - 1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], x > threshold, [False]]).astype(np.int8)))
+    starts = [int(a) for a, b in zip(edges[::2], edges[1::2], strict=True) if (b - a) * step >= shortest - 1e-9]
+    if not starts:
         return None
-    a, b = max(runs, key=lambda run: float(x[run[0] : run[1]].sum()))
-    k = a + int(np.argmax(x[a:b]))
-    edge = EDGE * x[k]
-    before, after = np.flatnonzero(x[:k] < edge), k + np.flatnonzero(x[k:] < edge)
-    onset = _crossing(t, x, int(before[-1]), edge) if len(before) else float(t[0])
-    end = _crossing(t, x, int(after[0]) - 1, edge) if len(after) else float(t[-1])
-    fine = np.unique(np.concatenate([[onset, end], t[(t > onset) & (t < end)]]))
-    area = float(np.trapezoid(np.interp(fine, t, x), fine))
-    return Burst(onset, float(t[k]), end, float(x[k]), area)
-
-
-def _crossing(t: Array, x: Array, k: int, level: float) -> float:
-    """Where the straight line from sample k to the next passes a level."""
-    return float(t[k] + (level - x[k]) / (x[k + 1] - x[k]) * (t[k + 1] - t[k]))
+    first = starts[0]
+    within = x[first : first + round(CATCH / step) + 1]
+    k = first + int(np.argmax(within))
+    edge = EDGE * float(x[k])
+    before = np.flatnonzero(x[:k] < edge)
+    onset = float(t[0])
+    if len(before):
+        below = int(before[-1])
+        onset += float(t[below] - t[0] + (edge - x[below]) / (x[below + 1] - x[below]) * (t[below + 1] - t[below]))
+    fine = np.concatenate([[onset], t[t > onset]])
+    area = float(np.trapezoid(np.interp(fine, t, np.maximum(x, 0.0)), fine))
+    return Burst(onset, float(t[k]), float(x[k]), area)
 
 
 @dataclass(frozen=True)
@@ -121,8 +124,7 @@ class BurstScore:
         """One of `OUTCOMES`."""
         if self.true is None or self.found is None:
             return "none" if self.true is self.found else "false alarm" if self.true is None else "miss"
-        together = self.found.onset <= self.true.end and self.found.end >= self.true.onset
-        return "hit" if together else "elsewhere"
+        return "hit" if abs(self.found.onset - self.true.onset) <= TOGETHER else "elsewhere"
 
     @property
     def onset_error(self) -> float:
@@ -200,8 +202,8 @@ def score_burst(
     """
     t, x = _pair(time, true)
     _, y = _pair(time, found)
-    bursts = (find_burst(t, signal, threshold=threshold, shortest=shortest) for signal in (x, y))
-    return BurstScore(name, *bursts, *_best_correlation(t, x, y))
+    there, recovered = (find_burst(t, signal, threshold=threshold, shortest=shortest) for signal in (x, y))
+    return BurstScore(name, there, recovered, *_best_correlation(t, x, y))
 
 
 def _best_correlation(t: Array, x: Array, y: Array) -> tuple[float, float]:
