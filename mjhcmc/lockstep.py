@@ -35,7 +35,7 @@ from mjhcmc.linearization import (
     without,
 )
 from mjhcmc.lockstep_kernels import fill_nodes, put_around, read_around, read_slopes
-from mjhcmc.model import MuscleModel, unclamped
+from mjhcmc.model import MuscleModel, never_touches, unclamped
 from mjhcmc.plant import State
 from mjhcmc.surroundings import HEAVY, Columns, Kinematics, Outside, Surroundings, coordinates_of, heavy
 
@@ -169,6 +169,8 @@ class Lockstep:
         """A model's own with a step of so many times physics_dt; that of the last one asked for is kept."""
         if self._last is None or self._last[:2] != (id(model), times):
             m = heavy(copy.copy(model.mj_model), self._heavy)
+            if never_touches(m):  # looking for contacts is a sixth of a leg's step
+                m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
             m.opt.timestep = times * self.physics_dt
             self._last = id(model), times, m
         return self._last[2]
@@ -250,21 +252,17 @@ class Lockstep:
 
     def path(self, ids: Ids, rows: Array) -> Array:
         """(b, n_muscle, 2) m and m/s, musculotendon length and velocity at states."""
-        batch, where = self._batches[1.0], self._where(ids)
+        batch, where, bound = self._batches[1.0], self._where(ids), self._seen_muscles
         batch.state[where] = rows[:, : batch.state.shape[1]]
         self._call(batch, batch.forward, ids, _VELOCITIES)
-        return self._path(where)
-
-    def _path(self, where: Index) -> Array:
-        bound = self._seen_muscles
-        columns = (bound.actuator_length[where][:, bound.muscles], bound.actuator_velocity[where][:, bound.muscles])
-        return np.ascontiguousarray(np.stack(columns, axis=-1))
+        return path_of_muscles(bound, where)
 
     def look(self, ids: Ids, rows: Array, reserve: Array) -> Seen:
         """Acceleration and muscles at states, under reserves (b, nv) N m; accelerations are NaN where MuJoCo fails."""
-        qacc, where, bound = self.acceleration(ids, rows, reserve), self._where(ids), self._seen_muscles
+        bound, where = self._seen_muscles, self._where(ids)  # what is bound late is filled late
+        qacc = self.acceleration(ids, rows, reserve)
         force = -bound.actuator_force[where][:, bound.muscles]
-        return Seen(qacc, self._path(where), force, bound.ten_velocity[where].copy())
+        return Seen(qacc, path_of_muscles(bound, where), force, bound.ten_velocity[where].copy())
 
     def pulled(self, i: int, seen: Seen) -> Array:
         """(k, n_muscle) N, tendon forces of simulation i in k looks, fiber damping included."""
@@ -418,3 +416,9 @@ class Lockstep:
 
     def _seen(self, batch: Batch) -> Kinematics:
         return self._kinematics[id(batch)]
+
+
+def path_of_muscles(bound: Bound, where: Index) -> Array:
+    """(b, n_muscle, 2) m and m/s, of what was looked at."""
+    columns = (bound.actuator_length[where][:, bound.muscles], bound.actuator_velocity[where][:, bound.muscles])
+    return np.ascontiguousarray(np.stack(columns, axis=-1))

@@ -292,6 +292,11 @@ def read_model(m: Any, name: str) -> MuscleModel:
     )
 
 
+def never_touches(m: Any) -> bool:
+    """Whether no two geoms of a compiled model can ever be in contact."""
+    return m.npair == 0 and m.nflex == 0 and not (m.geom_contype.any() and m.geom_conaffinity.any())
+
+
 def unclamped(m: Any, model: MuscleModel) -> Any:
     """A compiled model without the forceranges of its muscles: itself where there are none, else a copy."""
     if not np.isfinite(model.force_limit).any():

@@ -60,6 +60,8 @@ def test_what_the_examiner_applies_is_what_inverse_dynamics_asks_for(records):
             d.qacc[:] = record.qacc[k]
             mujoco.mj_inverse(m, d)
             needed = d.qfrc_inverse - d.qfrc_actuator
+            damping = m.tendon_damping * d.ten_velocity
+            np.testing.assert_allclose(record.muscle_force[k], damping - d.actuator_force, rtol=1e-9, atol=1e-6)
             np.testing.assert_allclose(record.examiner_torque[k], needed, atol=2e-5 * max(1.0, np.abs(needed).max()))
 
 

@@ -24,7 +24,7 @@ from mjhcmc.hosted.curves import CompiledCurves
 from mjhcmc.hosted.muscles import HostedMuscles, bodies_of
 from mjhcmc.hosted.stages import accelerate, advance_stage, pull, read_muscles, read_slopes_around
 from mjhcmc.linearization import Array, Bound, Ids, Linearization, without
-from mjhcmc.lockstep import Lockstep, Seen
+from mjhcmc.lockstep import Lockstep, Seen, path_of_muscles
 from mjhcmc.lockstep_kernels import fill_nodes, put_around
 from mjhcmc.model import MuscleModel
 from mjhcmc.plant import State
@@ -143,12 +143,12 @@ class HillLockstep(Lockstep):
 
     def look(self, ids: Ids, rows: Array, reserve: Array) -> Seen:
         """See `lockstep.Lockstep.look`; forces are the tendons'."""
-        batch, where = self._batches[1.0], self._where(ids)
+        batch, where, bound = self._batches[1.0], self._where(ids), self._seen_muscles
         start, failed = self._under(ids, rows, reserve)
         batch.state[where] = start[:, : self._n_state]
         found = self._pull(batch, self._bound, _Call.of(self, ids), start, failed)
         still = np.zeros((len(ids), self._models[0].mj_model.ntendon))
-        return Seen(without(failed, ids, found.qacc), self._path(where), found.force, still)
+        return Seen(without(failed, ids, found.qacc), path_of_muscles(bound, where), found.force, still)
 
     def pulled(self, i: int, seen: Seen) -> Array:
         """See `lockstep.Lockstep.pulled`."""

@@ -17,7 +17,7 @@ from mjhcmc.methods.correction import correct
 from mjhcmc.methods.record import diverged, padded
 from mjhcmc.methods.run import Team
 from mjhcmc.methods.trial import Correction, Reach, Trial
-from mjhcmc.methods.windows import decay_rate
+from mjhcmc.methods.windows import decay_rate, decay_rates
 from mjhcmc.motion import Reference
 from mjhcmc.plant import RK4_LIMIT
 from mjhcmc.qp_back_ends import NEWTON
@@ -169,7 +169,7 @@ class HcmcDriver:
                 here, ends, qacc = here.some(again), ends[again], qacc[again]
         self._before[at] = activation
         assert final is not None  # there is at least one trial
-        self._look_at_stiff(k, ids, at, final)
+        self._look_at_stiff(k, ids, at, final, around)
         return final
 
     def _which(self, ids: Ids) -> Index:
@@ -182,14 +182,20 @@ class HcmcDriver:
         self._keep(at, found)
         self._qacc_at[at], self._before[at] = found.qacc, rows[:, self._layout.activation]
 
-    def _look_at_stiff(self, k: int, ids: Ids, at: Index, ends: Array) -> None:
+    def _look_at_stiff(self, k: int, ids: Ids, at: Index, ends: Array, expected: Linearization) -> None:
         """Where the muscles may be too stiff for the physics step, tell by the ends themselves.
 
-        An end where they are, and where acceleration is far from any that was wanted, has run away though it is finite:
-        it becomes NaN.
+        A bound on the rate is known; where that is too large, the rate itself at the expected end tells who is to be
+        looked at. An end where they are, and where acceleration is far from any that was wanted, has run away though it
+        is finite: it becomes NaN.
         """
         team, limit = self._team, RK4_LIMIT / self._team.physics_dt
         suspect = np.flatnonzero(team.fastest_rate[at] > _SUSPECT * limit)
+        if suspect.size:
+            rates = decay_rates(expected.M[suspect], expected.D[suspect])
+            harmless = rates <= _SUSPECT * limit  # False with NaN
+            team.fastest_rate[ids[suspect[harmless]]] = rates[harmless]
+            suspect = suspect[~harmless]
         if not suspect.size:
             return
         who = ids[suspect]

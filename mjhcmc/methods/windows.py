@@ -349,6 +349,20 @@ def decay_rate(M: NDArray[np.float64], D: NDArray[np.float64], harmless: float =
     return bound if bound <= harmless else float(np.linalg.eigvals(rates).real.max(initial=0.0))
 
 
+def decay_rates(M: NDArray[np.float64], D: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(b,) as `decay_rate`, of many; NaN where a value is not finite.
+
+    Args:
+        M: (b, nv, nv) kg m^2.
+        D: (b, nv, nv) N m s.
+    """
+    rates = np.full(len(M), np.nan)
+    finite = np.isfinite(M).all(axis=(1, 2)) & np.isfinite(D).all(axis=(1, 2))
+    if finite.any():
+        rates[finite] = np.linalg.eigvals(np.linalg.solve(M[finite], D[finite])).real.max(axis=1, initial=0.0)
+    return rates
+
+
 def _check_passive_stability(windows: Windows) -> None:
     """Refuse a physics step at which the model's passive damping alone would blow up."""
     plant, reference = windows.plant, windows.reference

@@ -170,6 +170,8 @@ class _Team:
         samples = _Samples(int(n_period.max()) // every + 1, b, len(MUSCLES))
         failed = np.full(b, -1)
         always = self._drives[0].mode == "force"
+        unheld = plants.look(np.arange(b), rows, np.zeros((b, len(JOINTS))))
+        self._arms.begin(unheld.qacc[np.arange(b), self._joint])
         for k in range(int(n_period.max()) + 1):
             ids = np.flatnonzero((n_period >= k) & (failed < 0))
             if not len(ids):
@@ -327,7 +329,6 @@ def _body(case: Case, led: NDArray[np.bool_], arm: Arm | None) -> MuscleModel:
     """The leg as the trial has it: what is led is heavy, what a hand holds carries the hand."""
     m = heavy(copy.copy(case.model.mj_model), np.flatnonzero(led))
     m.opt.gravity[:] = gravity_of(case.trial)
-    m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # nothing touches anything; looking takes time
     if arm is not None:
         m.dof_armature[JOINTS.index(case.trial.joint)] += arm.hand
     return replace(case.model, mj_model=m)

@@ -182,8 +182,8 @@ def score_burst(
     time: ArrayLike,
     true: ArrayLike,
     found: ArrayLike,
-    *,
     threshold: float = THRESHOLD,
+    found_threshold: float | None = None,
     shortest: float = SHORTEST,
 ) -> BurstScore:
     """Compare a recovered signal with the reflex that there was.
@@ -193,7 +193,8 @@ def score_burst(
         time: (n,) s, evenly spaced.
         true: (n,) the reflex.
         found: (n,) recovered excitation beside its baseline.
-        threshold: see `find_burst`; the same for both.
+        threshold: of the true burst, see `find_burst`.
+        found_threshold: of the recovered one; None: the same.
         shortest: s, see `find_burst`.
 
     Raises:
@@ -202,7 +203,9 @@ def score_burst(
     """
     t, x = _pair(time, true)
     _, y = _pair(time, found)
-    there, recovered = (find_burst(t, signal, threshold=threshold, shortest=shortest) for signal in (x, y))
+    there = find_burst(t, x, threshold=threshold, shortest=shortest)
+    lower = threshold if found_threshold is None else found_threshold
+    recovered = find_burst(t, y, threshold=lower, shortest=shortest)
     return BurstScore(name, there, recovered, *_best_correlation(t, x, y))
 
 

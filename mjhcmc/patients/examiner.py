@@ -89,6 +89,14 @@ class Arms:
         self._stiffness, self._damping, self._growth, self._strength, self._hand, self._limb = map(np.array, columns)
         self._added = np.zeros(len(arms))
 
+    def begin(self, acceleration: Array) -> None:
+        """Hold the limbs still where they are, before anything else.
+
+        Args:
+            acceleration: (b,) rad/s^2, of limbs that nobody holds.
+        """
+        self._added = np.clip(-self._limb * acceleration, -self._strength, self._strength)
+
     def torque(self, ids: NDArray[np.intp], lag: Array, slip: Array, acceleration: Array, period: float) -> Array:
         """(b,) N m over the next control period; what lags is remembered.
 

@@ -22,8 +22,9 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
@@ -46,9 +47,9 @@ from mjhcmc.solution import Solution
 
 Array = NDArray[np.float64]
 
-LOWPASS_HZ = 10.0
-"""Cutoff of angles and torque: lower ones flatten the ankle's bursts, higher ones let the noise of the heavy hip's
-acceleration through."""
+LOWPASS_HZ: Mapping[str, float] = MappingProxyType({"hip": 6.0, "knee": 10.0, "ankle": 15.0})
+"""Cutoff of angle and torque by joint: the heavier the limb, the more of its acceleration's noise is torque, and the
+slower is what it does; at the ankle lower ones flatten clonus."""
 
 DT = 0.01
 """s, control window: half of it costs twice the time and tells no more."""
@@ -87,7 +88,7 @@ def infer(
     legs: Sequence[MuscleModel],
     *,
     slow: Sequence[Observation | None] | None = None,
-    lowpass_hz: float = LOWPASS_HZ,
+    lowpass_hz: float | None = None,
     dt: float = DT,
     physics_dt: float = PHYSICS_DT,
     threads: int = 1,
@@ -99,7 +100,8 @@ def infer(
         trials: passive stretches, any mixture.
         legs: one a trial, of leg8's structure.
         slow: slow stretches of the same joints and patients, None for trials without.
-        lowpass_hz: cutoff of angle and torque alike, Hz, see `mjhcmc.signals.zero_phase_lowpass`.
+        lowpass_hz: cutoff of angle and torque alike, Hz, see `mjhcmc.signals.zero_phase_lowpass`; None: the joint's of
+            `LOWPASS_HZ`.
         dt: s, control window of `hcmc`.
         physics_dt: s, physics step.
         threads: to compute on.
@@ -116,7 +118,8 @@ def infer(
     for what, given in (("observations", observations), ("legs", legs), ("slow stretches", extra)):
         if len(given) != len(trials):
             raise SettingsError(f"{len(given)} {what} for {len(trials)} trials: give one a trial")
-    check_cutoff(lowpass_hz)
+    if lowpass_hz is not None:
+        check_cutoff(lowpass_hz)
     for trial, seen, other in zip(trials, observations, extra, strict=True):
         check_trial(trial)
         _check_samples(trial.name, seen)
@@ -125,7 +128,8 @@ def infer(
     found: dict[int, Inference] = {}
     for joint in JOINTS:  # a batch's models have one structure, and so the same joints held
         members = [i for i, trial in enumerate(trials) if trial.joint == joint]
-        tasks = [_task(observations[i], trials[i], legs[i], extra[i], lowpass_hz) for i in members]
+        hz = LOWPASS_HZ[joint] if lowpass_hz is None else lowpass_hz
+        tasks = [_task(observations[i], trials[i], legs[i], extra[i], hz) for i in members]
         if tasks:
             found.update(zip(members, _solve(tasks, dt, physics_dt, threads), strict=True))
     return [found[i] for i in range(len(trials))]

@@ -14,7 +14,7 @@ from mjhcmc.leg8.table import JOINTS, MUSCLES, load_table
 from mjhcmc.model import MuscleModel
 from mjhcmc.patients.bursts import SHORTEST, THRESHOLD, BurstScore, Quartiles, quartiles, score_burst
 from mjhcmc.patients.groups import GROUPS, TESTED
-from mjhcmc.patients.inference import DT, LOWPASS_HZ, PHYSICS_DT, Inference, check_trial, infer
+from mjhcmc.patients.inference import DT, PHYSICS_DT, Inference, check_trial, infer
 from mjhcmc.patients.leg import leg_of
 from mjhcmc.patients.patient import Patient, healthy
 from mjhcmc.patients.record import Record
@@ -148,10 +148,11 @@ def recover(
     *,
     slow: Sequence[Observation | None] | None = None,
     model: str = "generic",
-    lowpass_hz: float = LOWPASS_HZ,
+    lowpass_hz: float | None = None,
     dt: float = DT,
     physics_dt: float = PHYSICS_DT,
     threshold: float = THRESHOLD,
+    found_threshold: float | None = None,
     shortest: float = SHORTEST,
     threads: int = 1,
 ) -> list[Recovery]:
@@ -167,6 +168,7 @@ def recover(
         dt: s.
         physics_dt: s.
         threshold: excitation that a burst exceeds, see `bursts.find_burst`.
+        found_threshold: the same of what was inferred; None: as the reflex. Lower finds what an underrated size hides.
         shortest: s, that it does so at least.
         threads: to compute on.
 
@@ -193,20 +195,28 @@ def recover(
     )  # fmt: skip
     recoveries = [Recovery.missing(record.trial, record.failure) for record in records]
     for i, inferred in zip(there, found, strict=True):
-        recoveries[i] = score(records[i], inferred, threshold=threshold, shortest=shortest)
+        recoveries[i] = score(
+            records[i], inferred, threshold=threshold, found_threshold=found_threshold, shortest=shortest
+        )
     return recoveries
 
 
 def score(
-    record: Record, found: Inference, *, threshold: float = THRESHOLD, shortest: float = SHORTEST
-) -> Recovery:  # fmt: skip
+    record: Record,
+    found: Inference,
+    *,
+    threshold: float = THRESHOLD,
+    found_threshold: float | None = None,
+    shortest: float = SHORTEST,
+) -> Recovery:
     """Compare what was inferred from a trial with what was.
 
     Args:
         record: what was.
         found: what was inferred.
-        threshold: see `recover`.
-        shortest: s, see `recover`.
+        threshold: see `recover`, as the two that follow.
+        found_threshold: see there.
+        shortest: s.
 
     Raises:
         SettingsError: a threshold or duration that is not positive.
@@ -227,9 +237,9 @@ def score(
         trial, time, u, reflex, moment - np.interp(time, found.time, found.taken_off),
         record.inertia * record.qacc[keep, joint] - record.examiner_torque[keep, joint],
         float(np.abs(solution.reserve[:, joint]).max()),
-        score_burst(group, time, reflex @ share, u @ share, threshold=threshold, shortest=shortest),
+        score_burst(group, time, reflex @ share, u @ share, threshold, found_threshold, shortest),
         tuple(
-            score_burst(name, time, reflex[:, m], u[:, m], threshold=threshold, shortest=shortest)
+            score_burst(name, time, reflex[:, m], u[:, m], threshold, found_threshold, shortest)
             for m, name in enumerate(MUSCLES) if name in GROUPS[group]
         ),
     )  # fmt: skip

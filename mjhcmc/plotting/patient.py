@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 _SLOW, _MAS = GRAY, BLUE
 _FAST = ("#F2A65A", "#D55E00", "#8C2D04", "#4A1602")  # the darker the faster
 _LOOP = math.radians(1.0)  # rad, a swing that counts
+_SMOOTH = 0.03  # s, short beside the half second of a swing
 
 
 def patient_figure(
@@ -110,7 +111,7 @@ def _over_angle(
         ax.axvline(at, color=INK, lw=0.9, ls=(0, (3, 2)), zorder=3.0, label="catch")
     ax.set_xlim(*ends)
     scale_values(sheet, ax, "resistance", "N m", courses, headroom=0.15)
-    sheet.label_values(ax, "" if column else ax.get_ylabel(), 0.44)
+    sheet.label_values(ax, "" if column else ax.get_ylabel())
     ax.set_xlabel(f"{way(trial.joint, int(trial.direction))} (°)", labelpad=2.0)
     finish(ax)
 
@@ -127,15 +128,18 @@ def _swing(sheet: TrialSheet, record: Record | None, last: int) -> None:
     ax.plot(record.time, knee, color=INK, lw=1.2, label="angle")
     top = int(np.argmax(knee))
     scale_values(sheet, ax, "knee flexion", "°", [knee], headroom=0.42)
-    sheet.label_values(ax, ax.get_ylabel(), 0.44)
+    sheet.label_values(ax, ax.get_ylabel())
     ax.set_xlim(record.time[0], record.time[-1])
-    note(ax, f"first swing to {knee[top]:.0f}°, rests at {rest:.0f}°, which it passes {_times(knee, rest)}")
+    passed = _times(knee, rest, record.trial.rate)
+    note(ax, f"first swing to {knee[top]:.0f}°, rests at {rest:.0f}°, which it passes {passed}")
     finish(ax, time_label=True)
 
 
-def _times(knee: Array, rest: float) -> str:
-    """How often the shank passes where it comes to rest, by a degree at least."""
-    away = knee - rest
+def _times(knee: Array, rest: float, rate: float) -> str:
+    """How often the shank passes where it comes to rest, by a degree at least; the sensor's noise does not count."""
+    from scipy.ndimage import gaussian_filter1d
+
+    away = gaussian_filter1d(knee, _SMOOTH * rate, mode="nearest") - rest
     side = np.sign(away[np.abs(away) > math.degrees(_LOOP)])
     count = int(np.count_nonzero(np.diff(side)))
     return "never" if not count else "once" if count == 1 else f"{count} times"

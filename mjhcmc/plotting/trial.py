@@ -106,6 +106,11 @@ class TrialSheet(Sheet):
     def _row_top(self, row: int) -> float:
         return super()._row_top(row) + 0.62 * max(row - self._close + 1, 0)
 
+    def label_values(self, ax: Axes, label: str, distance: float = 0.44) -> None:
+        """Name the vertical axis, at the same distance (inches) however wide the panel is."""
+        ax.set_ylabel(label)
+        ax.yaxis.set_label_coords(-distance / (ax.get_position().width * self.figure.get_size_inches()[0]), 0.5)
+
     def wide(self, row: int, first: int, last: int, title: str) -> Axes:
         """A panel across columns."""
         ax, other = self.panel(row, first, title), self.panel(row, last)
@@ -186,7 +191,7 @@ def over_time(sheet: TrialSheet, columns: Sequence[tuple[str, Record | None, Gra
             ax.set_xlim(0.0, max(trial.duration if trial.speed else 0.0, float(record.time[-1])))
             if not first and ax is not panels[0]:
                 sheet.label_values(ax, "")
-            sheet.label_values(ax, ax.get_ylabel(), 0.44)
+            sheet.label_values(ax, ax.get_ylabel())
             finish(ax, time_label=ax is panels[-1])
         if record.failure:
             note(panels[0], "stopped early")
