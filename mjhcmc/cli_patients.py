@@ -33,13 +33,20 @@ def patients() -> None:
     "--cluster", metavar="ADDRESS", help="Of a dask scheduler, whose workers compute instead (extra cluster)."
 )
 @click.option("--shard-size", type=click.IntRange(min=1), default=25, show_default=True, help="Patients a shard.")
-@click.option("--physics-dt", type=float, default=None, help="Largest physics step, s.")
+@click.option("--physics-dt", type=float, default=None, help="Largest physics step of voluntary movements, s.")
+@click.option(
+    "--set",
+    "settings",
+    metavar="NAME=VALUE",
+    multiple=True,
+    help="Another setting of the tests; an unknown one lists all.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 @QUIET
 @VERBOSE
 def generate(
     number: int, seed: int, out: Path, workers: int | None, cluster: str | None, shard_size: int,
-    physics_dt: float | None, as_json: bool, quiet: bool, verbose: int,
+    physics_dt: float | None, settings: tuple[str, ...], as_json: bool, quiet: bool, verbose: int,
 ) -> int:  # fmt: skip
     """Simulate patients into a dataset of Parquet shards.
 
@@ -51,10 +58,12 @@ def generate(
         raise click.UsageError("--workers and --cluster exclude each other: give one of them")
     click.get_current_context().with_resource(told(verbose))
     from mjhcmc.patients.configuration import Configuration
-    from mjhcmc.patients.generate import generate as run
+    from mjhcmc.patients.generation import generate as run
 
     click.get_current_context().with_resource(engine_notices())
-    changes = {} if physics_dt is None else {"physics_dt": physics_dt}
+    changes: dict[str, float | str] = dict(_setting(text) for text in settings)
+    if physics_dt is not None:
+        changes["physics_dt"] = physics_dt
     configuration = Configuration.with_defaults(number, seed, shard_size, **changes)
     started = time.perf_counter()
     try:
@@ -128,6 +137,14 @@ def show(
     if out is None and not as_json:
         out = Path("mjhcmc-patient")
     return show_command(folder, patient, drawn, trial, out, as_json, quiet)
+
+
+def _setting(text: str) -> tuple[str, float | str]:
+    """NAME=VALUE as a name and a word; what kind it is to be, `Configuration` knows."""
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise click.UsageError(f"--set takes NAME=VALUE; got {text!r}")
+    return name, value
 
 
 def _numbers(manifest: Manifest, out: Path, seconds: float) -> dict[str, object]:

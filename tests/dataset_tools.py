@@ -108,8 +108,8 @@ def as_battery(monkeypatch, function):
     import sys
     import types
 
-    battery = types.ModuleType("mjhcmc.patients.battery")
-    battery.DEFAULTS, battery.simulate_block = SETTINGS, function
+    battery = types.ModuleType("mjhcmc.patients.examination")
+    battery.DEFAULTS, battery.simulate_block, battery.checked = SETTINGS, function, dict
     monkeypatch.setitem(sys.modules, battery.__name__, battery)
 
 
@@ -120,7 +120,7 @@ def killed_at_every_step(folder):
     """
     import sys
 
-    from mjhcmc.patients.generate import generate
+    from mjhcmc.patients.generation import generate
 
     os.fsync = lambda handle: None  # it takes long, and what is killed here is a process, not the machine
     small = configuration(2, shard_size=1)

@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 import mjhcmc
 from mjhcmc.patients.card import column_docs, document
 from mjhcmc.patients.configuration import SHARES, Configuration, splits
-from mjhcmc.patients.generate import generate
+from mjhcmc.patients.generation import generate
 from mjhcmc.patients.manifest import Manifest, locked
 from mjhcmc.patients.shards import TABLES, shards_of
 from mjhcmc.patients.workers import AHEAD, pool
@@ -51,9 +51,9 @@ def begun(tmp_path, whole):
 def command(simulation, *arguments, **more):
     """The command line in a process of its own, with a simulation of dataset_tools."""
     code = (
-        "import sys, types, functools, dataset_tools; battery = types.ModuleType('mjhcmc.patients.battery'); "
-        "battery.DEFAULTS = dataset_tools.SETTINGS; sys.modules[battery.__name__] = battery; "
-        "import mjhcmc.patients.generate as module; "
+        "import sys, types, functools, dataset_tools; battery = types.ModuleType('mjhcmc.patients.examination'); "
+        "battery.DEFAULTS, battery.checked = dataset_tools.SETTINGS, dict; sys.modules[battery.__name__] = battery; "
+        "import mjhcmc.patients.generation as module; "
         f"module.generate = functools.partial(module.generate, simulate='dataset_tools:{simulation}'); "
         "from mjhcmc.cli import main; main(sys.argv[1:])"
     )

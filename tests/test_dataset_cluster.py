@@ -8,7 +8,7 @@ from dataset_tools import configuration, contents
 
 import mjhcmc
 from mjhcmc.patients import workers
-from mjhcmc.patients.generate import generate
+from mjhcmc.patients.generation import generate
 
 distributed = pytest.importorskip("distributed")
 

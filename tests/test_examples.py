@@ -107,6 +107,9 @@ def test_benchmarks_say_what_they_do(script, monkeypatch, capsys):
         ("convergence.py", "accuracy.md"),
         ("recovery.py", "accuracy.md"),
         ("corrector.py", "method.md"),
+        ("patients.py", "patients.md"),
+        ("patients_distributions.py", "patients.md"),
+        ("patients_inverse.py", "patients.md"),
     ],
 )
 def test_documents_have_their_tables(script, document, monkeypatch):
@@ -153,3 +156,27 @@ def test_ground_reaction(run):
     assert np.abs(solution.external_load[:, 1]).max() == pytest.approx(200, rel=1e-3)
     assert np.abs(solution.residual[:, 1]).max() > 100
     assert not files
+
+
+def test_a_virtual_patient(run):
+    names, out, files = run("08_virtual_patient.py")
+    peaks = [float(value) for value in re.findall(r"resistance up to\s+(\S+) N m", out)]
+    assert peaks[2] > peaks[1]  # faster is harder
+    assert names["found"].gain == pytest.approx(names["group"].gain, rel=0.1)
+    assert re.search(r"Modified Ashworth grade (0|1|1\+|2|3|4)\n", out)
+    assert not files
+
+
+def test_a_dataset_of_patients(run, monkeypatch):
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    names, out, _ = run("09_patient_dataset.py")
+    assert len(names["people"]) == 2
+    assert "pandas: peak torque of 11 trials" in out
+    assert out.count("polars") == 1
+    assert out.count("datasets") == 1
+
+
+def test_documents_name_the_distributions_that_are_drawn_from():
+    from mjhcmc.patients.distributions import distributions_table
+
+    assert distributions_table().strip() in (ROOT / "docs" / "patients.md").read_text(encoding="utf-8")

@@ -18,7 +18,7 @@ from mjhcmc.leg8.table import JOINTS, MUSCLES
 from mjhcmc.patients import battery, tables
 from mjhcmc.patients.bench import Case, run_trials
 from mjhcmc.patients.configuration import Configuration, splits
-from mjhcmc.patients.generate import generate
+from mjhcmc.patients.generation import generate
 from mjhcmc.patients.grades import GRADES
 from mjhcmc.patients.leg import leg_of
 from mjhcmc.patients.overview import look_at

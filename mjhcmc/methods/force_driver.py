@@ -72,6 +72,7 @@ class ForceDriver(HcmcDriver):
             self._correct_by(k, ids, at, view, goal - view.around.qacc, trial, tried=False)
         ends = plants.step(ids, rows, team.excitation[at], team.reserve[at], self._n_step)
         view = self._view(k, ids, ends)
+        tried = view.around
         missing = self._missing(k, at, (kp, kv), ends, view.around.qacc)
         size = self._size(at, missing)
         whom: Index = slice(None)  # which of the call's simulations are still corrected
@@ -102,7 +103,7 @@ class ForceDriver(HcmcDriver):
         if self._n_step > team.n_step:
             ends = plants.step(ids, rows, team.excitation[at], team.reserve[at], team.n_step)
         self._qacc_at[at] = self._space.of(plants.acceleration(ids, ends, team.reserve[at]))
-        self._look_at_stiff(k, ids, at, ends)
+        self._look_at_stiff(k, ids, at, ends, tried)
         team.fastest_rate[at] = np.maximum(team.fastest_rate[at], self._internal[at])
         return ends
 

@@ -99,12 +99,14 @@ class Configuration:
         Raises:
             SettingsError: as the constructor; a setting that the simulation does not have, or of another kind.
         """
+        from mjhcmc.patients.examination import checked
+
         settings = _defaults()
         for name, value in changes.items():
             if name not in settings:
                 raise SettingsError(f"setting {name!r} is not known: choose one of {', '.join(sorted(settings))}")
             settings[name] = _like(name, _plain(name, value), settings[name])
-        return cls(patients, seed, shard_size, settings)
+        return cls(patients, seed, shard_size, checked(settings))
 
     @property
     def generator(self) -> str:
@@ -140,7 +142,7 @@ def whole_number(name: str, value: object, least: int) -> int:
 
 
 def _defaults() -> dict[str, Setting]:
-    from mjhcmc.patients.battery import DEFAULTS  # loads the simulation, which a given mapping can do without
+    from mjhcmc.patients.examination import DEFAULTS  # loads the simulation, which a given mapping can do without
 
     return dict(DEFAULTS)
 
@@ -158,6 +160,11 @@ def _plain(name: str, value: object) -> Setting:
 
 def _like(name: str, value: Setting, default: Setting) -> Setting:
     """A setting as the kind that its default has, so that 1 and 1.0 are one configuration."""
+    if isinstance(value, str) and not isinstance(default, str):
+        try:
+            value = _plain(name, float(value))  # as the command line has it
+        except ValueError:
+            raise SettingsError(f"setting {name!r} must be a number; got {value!r}") from None
     if isinstance(value, str) != isinstance(default, str):
         raise SettingsError(f"setting {name!r} must be a {'word' if isinstance(default, str) else 'number'}: {value!r}")
     if isinstance(default, str) or isinstance(value, str):

@@ -322,7 +322,7 @@ def show_command(
 
 def _check_trial(name: str) -> None:
     """See that there is such a trial in the default battery, before it is simulated."""
-    from mjhcmc.patients.battery import DEFAULTS, battery
+    from mjhcmc.patients.examination import DEFAULTS, battery
 
     _place(name, [trial.name for trial in battery(dict(DEFAULTS)) if trial.session == "instrumented"])
 

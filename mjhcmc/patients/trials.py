@@ -14,10 +14,10 @@ from mjhcmc.leg8.table import JOINTS
 
 Array = NDArray[np.float64]
 
-REST = 0.3
+REST = 0.2
 """s, that the limb is held still before a stretch: the resistance then is the baseline."""
 
-HOLD = 0.7
+HOLD = 0.5
 """s, that the examiner holds on after a stretch."""
 
 MIN_JERK_PEAK = 1.875
@@ -179,7 +179,7 @@ def stretch(
     )  # fmt: skip
 
 
-def pendulum(rate: float = 100.0, *, duration: float = 6.0) -> Trial:
+def pendulum(rate: float = 100.0, *, duration: float = 5.0) -> Trial:
     """The pendulum test of the knee: seated, the shank let go from full extension (Wartenberg 1951).
 
     Args:

@@ -61,7 +61,7 @@ def move(
     paths = [_fibers(case.model, motion, time) for case, motion, time in zip(cases, motions, nodes, strict=True)]
     found: dict[int, Solution | MjhcmcError] = {}
     reflexes: dict[int, Array] = {}
-    for _ in range(PASSES):
+    for attempt in range(PASSES):
         imposed = {}
         for i, case in enumerate(cases):
             before = found.get(i)
@@ -73,7 +73,9 @@ def move(
             imposed[i] = Imposed(_whole(nodes[i], motions[i]), floor)
         if imposed:
             some = [(cases[i].model, motions[i], None if loads is None else loads[i]) for i in imposed]
-            solved = _solve(some, list(imposed.values()), dt, physics_dt, kind, threads)
+            first = attempt == 0  # for what spills over, MuJoCo's muscles will do
+            muscle = "mujoco" if first else kind
+            solved = _solve(some, list(imposed.values()), dt, physics_dt, muscle, threads)
             found.update(zip(imposed, solved, strict=True))
     return [_record(case, paths[i], reflexes[i], found[i]) for i, case in enumerate(cases)]
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from mjhcmc.errors import SettingsError
 from mjhcmc.external_loads import ExternalLoads
@@ -24,7 +27,6 @@ def walks(
     legs: Sequence[MuscleModel],
     motion_file: str,
     loads_file: str,
-    *,
     start: float,
     end: float,
     height: float,
@@ -49,8 +51,6 @@ def walks(
         SettingsError: no file of loads.
         MotionError: a file that cannot be read, or loads that do not cover the motion.
     """
-    if not loads_file:
-        raise SettingsError("walk: a walk needs its ground reaction: give walk_loads, an OpenSim external-loads file")
     motion, loads = _measured(motion_file, loads_file, start, end, height, body_mass)
     motions, forces = [], []
     for patient in patients:
@@ -65,10 +65,25 @@ def walks(
     return motions, forces
 
 
+def digest(
+    motion_file: str, loads_file: str, start: float, end: float, height: float, body_mass: float
+) -> str:  # fmt: skip
+    """First 16 hex digits of the SHA-256 of what the files hold: the same numbers under other names are the same walk.
+
+    Raises:
+        MjhcmcError: as `walks`.
+    """
+    motion, loads = _measured(motion_file, loads_file, start, end, height, body_mass)
+    parts = (motion.time, motion.qpos, loads.time, loads.force, loads.torque, loads.point)
+    return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()[:16]
+
+
 @functools.lru_cache(maxsize=2)
 def _measured(
     motion_file: str, loads_file: str, start: float, end: float, height: float, body_mass: float
 ) -> tuple[Motion, ExternalLoads]:
+    if not loads_file:
+        raise SettingsError("walk: a walk needs its ground reaction: give walk_loads, an OpenSim external-loads file")
     subject = gait_leg_of(healthy(height, body_mass))
     motion = Motion.from_file(motion_file, subject, start=start, end=end)
     loads = ExternalLoads.from_file(loads_file, subject, osim=_NOT_HERE)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from mjhcmc.errors import MjhcmcError, SimulationError
+from mjhcmc.errors import MjhcmcError, SettingsError, SimulationError
 from mjhcmc.leg8.table import JOINTS
 from mjhcmc.motion import Motion
 from mjhcmc.patients import tables
@@ -47,6 +47,7 @@ DEFAULTS: dict[str, float | int | str] = {
     "walk_height": 1.8,
     "walk_mass": 75.1646,
     "walk_dt": 0.005,
+    "walk_digest": "",
 }
 """Settings of the simulation. ``dt`` and ``physics_dt`` (s) are those of voluntary movements; ``walk``, ``walk_loads``
 are files of a measured walk and its ground reaction, of a subject of ``walk_height`` (m) and ``walk_mass`` (kg), of
@@ -84,6 +85,48 @@ def battery(settings: Mapping[str, float | int | str], split: str = "train") -> 
     if settings["walk"]:
         recorded.append(voluntary("walk", "", 1.0 / float(settings["walk_dt"])))
     return recorded + [stretch(joint, "mas", session=session) for session in RATED for joint in TESTED]
+
+
+def checked(settings: Mapping[str, float | int | str]) -> dict[str, float | int | str]:
+    """Settings that can be carried out; with the digest of the walk that they name.
+
+    Args:
+        settings: see `DEFAULTS`.
+
+    Raises:
+        MjhcmcError: a speed, muscle, reflex, movement or file that there is not.
+    """
+    found = dict(settings)
+    for name in ("fast_deg_s", "shift_fast_deg_s"):
+        words = str(found[name]).split()
+        if not words or not all(_is_speed(word) for word in words) or len(set(words)) < len(words):
+            raise SettingsError(f"setting {name!r} is {found[name]!r}: give different speeds in deg/s, as '120 180'")
+    for name in ("slow_deg_s", "dt", "physics_dt", "walk_dt", "walk_height", "walk_mass"):
+        if float(found[name]) <= 0:
+            raise SettingsError(f"setting {name!r} is {found[name]}: give a positive number")
+    subject = sample_patient(0, 0, reflex=str(found["shift_reflex"]), muscle=str(found["shift_muscle"]))
+    Motion.cosine(leg_of(subject), str(found["movement"]))
+    for split in ("train", SPLIT_OF_VELOCITIES):
+        battery(found, split)
+    found["walk_digest"] = ""
+    if found["walk"]:
+        from mjhcmc.patients.walk import digest
+
+        found["walk_digest"] = digest(*_walk(found))
+    return found
+
+
+def _is_speed(word: str) -> bool:
+    try:
+        return 0 < float(word) < float("inf")
+    except ValueError:
+        return False
+
+
+def _walk(settings: Mapping[str, float | int | str]) -> tuple[str, str, float, float, float, float]:
+    """Files, start, end, height and mass of the walk."""
+    start, end, height, mass = (float(settings[f"walk_{name}"]) for name in ("start", "end", "height", "mass"))
+    return str(settings["walk"]), str(settings["walk_loads"]), start, end, height, mass
 
 
 def patient_of(configuration: Configuration, split: str, index: int) -> Patient:
@@ -178,11 +221,7 @@ def examine(
 
             gait = [gait_leg_of(patient) for patient in patients]
             cases = [Case(patient, leg, trial) for patient, leg in zip(patients, gait, strict=True)]
-            numbers = {name: float(settings[f"walk_{name}"]) for name in ("start", "end", "height")}
-            motions, loads = walks(
-                patients, gait, str(settings["walk"]), str(settings["walk_loads"]), **numbers,
-                body_mass=float(settings["walk_mass"]),
-            )  # fmt: skip
+            motions, loads = walks(patients, gait, *_walk(settings))
             step = min(physics_dt, _WALK_STEP)
             records = move(cases, motions, loads, dt=float(settings["walk_dt"]), physics_dt=step, threads=threads)
         else:

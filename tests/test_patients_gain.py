@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjhcmc.errors import SettingsError
-from mjhcmc.patients.estimate_gain import MODES, estimate_gain
+from mjhcmc.patients.gain import MODES, estimate_gain
 from mjhcmc.patients.reflex import ReflexLaw, reflex_along
 
 STEP = 0.01

@@ -8,12 +8,12 @@ import pytest
 
 import mjhcmc
 from mjhcmc.leg8.table import MUSCLES
-from mjhcmc.patients import battery as battery_module
-from mjhcmc.patients.battery import DEFAULTS, battery, examine, grade, patient_of, simulate_block
+from mjhcmc.patients import examination as battery_module
 from mjhcmc.patients.bench import Case
 from mjhcmc.patients.card import document
 from mjhcmc.patients.configuration import Configuration
 from mjhcmc.patients.drive import drive_of
+from mjhcmc.patients.examination import DEFAULTS, battery, examine, grade, patient_of, simulate_block
 from mjhcmc.patients.leg import gait_leg_of, leg_of
 from mjhcmc.patients.patient import healthy, sample_patient
 from mjhcmc.patients.record import Record
@@ -191,7 +191,7 @@ def test_patients_walk_with_forces_of_their_size():
     subject = healthy(1.8, 72.6)
     small = healthy(1.5, 50.0)
     legs = [gait_leg_of(p) for p in (subject, small)]
-    motions, loads = walks([subject, small], legs, *files, start=1.0, end=1.3, height=1.8, body_mass=72.6)
+    motions, loads = walks([subject, small], legs, *files, 1.0, 1.2, 1.8, 72.6)
     assert np.abs(loads[1].force).max() == pytest.approx(np.abs(loads[0].force).max() * 50 / 72.6)
     cases = [Case(p, leg, voluntary("walk", "", 200.0)) for p, leg in zip((subject, small), legs, strict=True)]
     first, second = move(cases, motions, loads, dt=0.005, physics_dt=0.001)
@@ -201,7 +201,7 @@ def test_patients_walk_with_forces_of_their_size():
     # the same walk by another size: about the same excitations, since strength goes with mass
     assert np.corrcoef(first.activation.ravel(), second.activation.ravel())[0, 1] > 0.9
     with pytest.raises(mjhcmc.SettingsError, match="needs its ground reaction"):
-        walks([subject], legs, files[0], "", start=1.0, end=1.3, height=1.8, body_mass=72.6)
+        walks([subject], legs, files[0], "", 1.0, 1.2, 1.8, 72.6)
 
 
 def test_grades_are_of_the_resistance_not_of_the_gain(configuration):
@@ -213,3 +213,35 @@ def test_grades_are_of_the_resistance_not_of_the_gain(configuration):
     assert [labels["ideal"] for labels in loud.values()] == ["0", "0", "0"]
     spastic = grade(affected(), examine([affected()], trials, configuration)[0])
     assert spastic["knee"]["ideal_rank"] >= 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"fast_deg_s": "fast"}, "'fast_deg_s' is 'fast': give different speeds"),
+        ({"fast_deg_s": "120 120"}, "different speeds"),
+        ({"slow_deg_s": "0"}, "'slow_deg_s' is 0.0: give a positive number"),
+        ({"slow_deg_s": "slow"}, "'slow_deg_s' must be a number; got 'slow'"),
+        ({"shift_muscle": "steel"}, "muscle 'steel' is not known"),
+        ({"shift_reflex": "knee"}, "reflex 'knee' is not known"),
+        ({"movement": "jump"}, "jump"),
+        ({"speed": "3"}, "setting 'speed' is not known: choose one of dt, fast_deg_s"),
+        ({"walk": "nowhere.sto"}, "needs its ground reaction"),
+        ({"walk": "nowhere.sto", "walk_loads": "nowhere.xml", "walk_end": "1"}, "nowhere.sto"),
+    ],
+)
+def test_settings_that_cannot_be_carried_out_are_refused_before_work_begins(changes, message):
+    with pytest.raises(mjhcmc.MjhcmcError, match=message):
+        Configuration.with_defaults(3, **changes)
+
+
+@pytest.mark.skipif(not WALK.exists(), reason="the measured walk is not there")
+def test_a_walk_is_known_by_what_it_holds(tmp_path):
+    asked = {"walk_loads": str(WALK / "subject01_walk_grf.xml"), "walk_start": "1", "walk_end": "1.2"}
+    here = WALK / "subject_adjusted_Kinematics_q.sto"
+    copied = tmp_path / "other.sto"
+    copied.write_bytes(here.read_bytes())
+    found = [Configuration.with_defaults(3, walk=str(path), **asked).settings["walk_digest"] for path in (here, copied)]
+    assert found[0] == found[1] != ""
+    asked["walk_end"] = "1.3"
+    assert Configuration.with_defaults(3, walk=str(here), **asked).settings["walk_digest"] != found[0]

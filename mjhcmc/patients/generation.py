@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 Simulation = Callable[[Configuration, str, int, int], "Mapping[str, pa.Table]"]
 
-BATTERY = "mjhcmc.patients.battery:simulate_block"
+BATTERY = "mjhcmc.patients.examination:simulate_block"
 """The simulation of clinical tests, imported by name in each worker."""
 
 _log = get_logger(__name__)
