@@ -269,3 +269,14 @@ def test_cuts_part_the_ranks(seed):
     noisy = rank + rng.normal(scale=1.5, size=120)
     graded = np.searchsorted(baseline.cut_points(noisy, rank), noisy, side="right")
     assert quadratic_kappa(rank, graded) >= quadratic_kappa(rank, np.clip(np.rint(noisy), 0, 5)) - 0.02
+
+
+def test_trees_pass_over_features_that_tell_nothing():
+    pytest.importorskip("sklearn")
+    from mjhcmc.patients.learning.baseline import boosting
+
+    rng = np.random.default_rng(0)
+    y = np.repeat(np.arange(3), 40)
+    x = np.column_stack([y + 0.1 * rng.standard_normal(120), np.full(120, 2.0), np.full(120, np.nan)])
+    predict, _ = boosting((x, y), (x, y), ("telling", "constant", "missing"))
+    assert (predict(x) == y).mean() > 0.9

@@ -15,7 +15,7 @@ from plot_tools import legend, line, titles
 
 from mjhcmc.errors import OutputError, SettingsError, SimulationError
 from mjhcmc.leg8.table import JOINTS, MUSCLES
-from mjhcmc.patients import battery, tables
+from mjhcmc.patients import examination, tables
 from mjhcmc.patients.bench import Case, run_trials
 from mjhcmc.patients.configuration import Configuration, splits
 from mjhcmc.patients.generation import generate
@@ -410,7 +410,7 @@ def test_a_failed_patient_is_shown_with_the_reason(run, dataset, here):
 
 @pytest.mark.usefixtures("coarse_figures")
 def test_a_patient_simulated_now_is_the_one_of_the_dataset(run, dataset, here, simulate, monkeypatch):
-    monkeypatch.setattr(battery, "simulate_block", simulate)
+    monkeypatch.setattr(examination, "simulate_block", simulate)
     row = json.loads(run("patients", "show", "--seed", SEED, "--index", 0, "--json", "--out", here).out)
     other = json.loads(run("patients", "show", dataset, "--patient", 0, "--json").out)
     assert row["files"] == [str(here / f"patient-seed0-0.{kind}") for kind in ("png", "pdf")]

@@ -133,7 +133,7 @@ class _Team:
         self._machine = np.array([trial.examiner == "servo" for trial in trials])
         self._led = np.ones((b, len(JOINTS)), dtype=bool)
         self._led[np.arange(b), self._joint] = self._machine
-        self._inertia = [_inertia(case) for case in cases]
+        self._inertia = [limb_inertia(case.model, case.trial) for case in cases]
         arms = [
             arm_at(trial.joint, case.patient.height, inertia) if trial.examiner == "torque" else None
             for case, trial, inertia in zip(cases, trials, self._inertia, strict=True)
@@ -343,12 +343,17 @@ def gravity_of(trial: Trial) -> tuple[float, float, float]:
     return 0.0, 0.0, -_GRAVITY
 
 
-def _inertia(case: Case) -> float:
-    """kg m^2, of the limb about the joint under test, the other joints held."""
-    m = case.model.mj_model
-    d, joint = mujoco.MjData(m), JOINTS.index(case.trial.joint)
-    d.qpos[:] = case.trial.pose
-    d.qpos[joint] = case.trial.start
+def limb_inertia(model: MuscleModel, trial: Trial) -> float:
+    """kg m^2, of the limb about the joint under test, the other joints held: what an examiner's torque also moves.
+
+    Args:
+        model: the patient's leg.
+        trial: one with a joint under test.
+    """
+    m = model.mj_model
+    d, joint = mujoco.MjData(m), JOINTS.index(trial.joint)
+    d.qpos[:] = trial.pose
+    d.qpos[joint] = trial.start
     mujoco.mj_forward(m, d)
     M = np.empty((m.nv, m.nv))
     mujoco.mj_fullM(m, d, M)

@@ -160,10 +160,10 @@ def simulated_patient(seed: int, index: int) -> Shown:
     Raises:
         SettingsError: a number below 0 or not whole.
     """
-    from mjhcmc.patients import battery
+    from mjhcmc.patients import examination
 
     index = whole_number("index", index, 0)
-    tables = battery.simulate_block(Configuration.with_defaults(index + 1, seed), "train", index, index + 1)
+    tables = examination.simulate_block(Configuration.with_defaults(index + 1, seed), "train", index, index + 1)
     return _shown(tables, index, f"seed {seed}, simulated now")
 
 
@@ -192,7 +192,9 @@ def _record(patient: Patient, row: Row, tables: Mapping[str, pa.Table]) -> Recor
     torque, inertia = np.zeros_like(qpos), 0.0
     if trial.examiner:
         torque[:, JOINTS.index(trial.joint)] = seen["torque"]
-        inertia = _inertia(patient, trial)
+        from mjhcmc.patients.bench import limb_inertia
+
+        inertia = limb_inertia(_leg(patient), trial)
     of_muscles = {
         name: np.column_stack([np.interp(time, hidden["time"], hidden[f"{column}/{m}"]) for m in MUSCLES])
         for name, column in _HIDDEN.items()
@@ -244,20 +246,6 @@ def _leg(patient: Patient) -> MuscleModel:
     from mjhcmc.patients.leg import leg_of
 
     return leg_of(patient)
-
-
-def _inertia(patient: Patient, trial: Trial) -> float:
-    """kg m^2, of the limb about the joint under test, the others held: what the examiner's torque also moves."""
-    import mujoco
-
-    m = _leg(patient).mj_model
-    d, joint = mujoco.MjData(m), JOINTS.index(trial.joint)
-    d.qpos[:] = trial.pose
-    d.qpos[joint] = trial.start
-    mujoco.mj_forward(m, d)
-    M = np.empty((m.nv, m.nv))
-    mujoco.mj_fullM(m, d, M)
-    return float(M[joint, joint])
 
 
 def show_command(

@@ -181,12 +181,13 @@ def boosting(train: Split, validation: Split, names: tuple[str, ...]) -> tuple[P
     """
     from sklearn.ensemble import HistGradientBoostingRegressor
 
-    def fit(x: Array, y: Ranks, choice: dict[str, Any]) -> Any:
+    def fit(x: Array, y: Ranks, choice: dict[str, Any]) -> tuple[Any, NDArray[np.bool_]]:
         trees = HistGradientBoostingRegressor(
             learning_rate=0.08, min_samples_leaf=15, early_stopping=False, random_state=0, **choice
         )
-        with _threads(len(y)):
-            return trees.fit(x, y.astype(np.float64))
+        telling = np.array([len(np.unique(column[np.isfinite(column)])) > 1 for column in x.T])
+        with _threads(len(y)):  # scikit-learn does not bin a feature of fewer than two values
+            return trees.fit(x[:, telling], y.astype(np.float64)), telling
 
     (x, y), fold = train, np.random.default_rng(0).permutation(len(train[1])) % _FOLDS
     best: tuple[float, Predict, dict[str, Any]] | None = None
@@ -202,9 +203,10 @@ def boosting(train: Split, validation: Split, names: tuple[str, ...]) -> tuple[P
     return best[1], best[2]
 
 
-def _score(trees: Any, x: Array) -> Array:
+def _score(fitted: tuple[Any, NDArray[np.bool_]], x: Array) -> Array:
+    trees, telling = fitted
     with _threads(len(x)):
-        return np.asarray(trees.predict(x))
+        return np.asarray(trees.predict(x[:, telling]))
 
 
 def _threads(rows: int) -> AbstractContextManager[Any]:
