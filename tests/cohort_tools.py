@@ -11,6 +11,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from mjhcmc.patients.trials import REST
+
 JOINTS = ("hip", "knee", "ankle")
 GROUPS = {"hip": "hip_flexors", "knee": "knee_extensors", "ankle": "plantarflexors"}
 EMG = ("glut_max", "rect_fem", "hamstrings", "vasti", "gastroc", "soleus", "tib_ant")
@@ -24,7 +26,7 @@ SHARES = {"train": 0.6, "validation": 0.1, "test": 0.15} | dict.fromkeys(
 )
 
 
-def make_dataset(folder: Path, n: int = 200, *, seed: int = 0, noise: float = 0.55, failed=(3,), tests=None) -> Path:
+def make_dataset(folder: Path, n: int = 200, *, seed: int = 0, noise: float = 0.35, failed=(3,), tests=None) -> Path:
     """Write a dataset; noise is the raters', in ranks; failed are patients without trials."""
     rng = np.random.default_rng(seed)
     counts = {split: int(share * n) for split, share in SHARES.items()}
@@ -87,7 +89,7 @@ class Invented:
         start, end = WAYS[joint]
         T = 1.875 * abs(end - start) / speed
         time = np.arange(0, 1.0 + T, 1 / RATE)
-        x = np.clip((time - 0.3) / T, 0, 1)
+        x = np.clip((time - REST) / T, 0, 1)
         part, rate = x**3 * (10 + x * (-15 + 6 * x)), x**2 * (30 + x * (-60 + 30 * x)) / T
         sign, way = np.sign(end - start), np.radians(abs(end - start))
         burst = 0.5 * gain * np.maximum(0.0, rate - threshold) * rng.lognormal(sigma=0.25)

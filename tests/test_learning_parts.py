@@ -12,6 +12,7 @@ from mjhcmc.patients.learning import baseline, features
 from mjhcmc.patients.learning.ordinal import OrdinalLogistic
 from mjhcmc.patients.learning.read import READABLE, Guarded
 from mjhcmc.patients.learning.scores import MISSING, confusion, evaluate, quadratic_kappa
+from mjhcmc.patients.trials import REST
 
 # ordinal regression
 
@@ -155,7 +156,7 @@ def ramp(one, torque, rate=200.0):
     way = one.end - one.start
     T = 1.875 * abs(way) / one.speed
     time = np.arange(0, 1.0 + T, 1 / rate)
-    x = np.clip((time - 0.3) / T, 0, 1)
+    x = np.clip((time - REST) / T, 0, 1)
     part, speed = x**3 * (10 + x * (-15 + 6 * x)), x**2 * (30 + x * (-60 + 30 * x)) / T
     acceleration = way * x * (60 + x * (-180 + 120 * x)) / T**2
     inertia = features.inertia_per_size("knee") * 70 * 1.8**2
@@ -163,7 +164,7 @@ def ramp(one, torque, rate=200.0):
         "time": time,
         "q/knee": one.start + way * part,
         "v/knee": way * speed,
-        "torque": -torque(part, time - 0.3) + inertia * acceleration + 1.0,  # the stretch is negative; 1 N m is rest
+        "torque": -torque(part, time - REST) + inertia * acceleration + 1.0,  # the stretch is negative; 1 N m is rest
     }
 
 

@@ -230,9 +230,13 @@ def examine(
     return [[found[i, k] for k in range(len(trials))] for i in range(len(patients))]
 
 
+def usual_of(patient: Patient, joint: str) -> Usual:
+    """What raters are used to in a limb of a patient's size: the same stretch of a healthy leg, to scale."""
+    return _usual(joint).scaled(patient.body_mass * patient.height / (_USUAL.body_mass * _USUAL.height))
+
+
 @functools.cache
 def _usual(joint: str) -> Usual:
-    """What raters are used to: the same stretch of a healthy leg."""
     return usual_resistance(run_trials([Case(_USUAL, leg_of(_USUAL), stretch(joint, "mas", session="ideal"))])[0])
 
 
@@ -257,9 +261,8 @@ def grade(patient: Patient, records: Sequence[Record]) -> dict[str, dict[str, ob
             if record.failure:
                 raise SimulationError(record.failure)
             joint = record.trial.joint
-            size = patient.body_mass * patient.height / (_USUAL.body_mass * _USUAL.height)
-            usual = _usual(joint).scaled(size)
-            read[record.trial.session, joint] = read_resistance(record, hand_on(joint, patient.height), usual)
+            hand = hand_on(joint, patient.height)
+            read[record.trial.session, joint] = read_resistance(record, hand, usual_of(patient, joint))
     labels: dict[str, dict[str, object]] = {}
     for joint in (joint for joint in JOINTS if joint in TESTED):
         true = read["ideal", joint]
