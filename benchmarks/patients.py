@@ -40,6 +40,7 @@ from mjhcmc.patients.trials import stretch
 SCRIPT = "patients.py"
 DOCUMENT = ROOT / "docs" / "patients.md"
 AT_ONCE = 64
+SHOWN = 58  # a patient with some of everything
 TURNS = 5
 
 
@@ -154,8 +155,11 @@ def workers(out: Path, count: int) -> str:
     header = (
         "", "patients", "failed", "seconds", "patients/s", "largest process, MiB", "kB a patient",
     )  # fmt: skip
-    ratio = float(rows[1][4]) / float(rows[0][4])
-    return f"{grid(header, rows)}\n\n{cores} processes are {ratio:.2f} times as fast as one."
+    ratio, rate = float(rows[1][4]) / float(rows[0][4]), float(rows[1][4]) / cores
+    return (
+        f"{grid(header, rows)}\n\n{cores} processes are {ratio:.2f} times as fast as one. At {rate:.2g} patients a "
+        f"second and core, a million patients take {1e6 / rate / 86400:.2g} core-days, and {float(rows[1][6]):.0f} GB."
+    )
 
 
 def cohort(folder: Path) -> str:
@@ -181,6 +185,17 @@ def cohort(folder: Path) -> str:
         subprocess.run(command, check=False, capture_output=True)
         told = json.loads((Path(scores) / "grade.json").read_text(encoding="utf-8"))
     return f"{grid(header, rows)}\n\n{_scores(told)}"
+
+
+def figures(folder: Path, docs: Path) -> None:
+    """The cohort's figure, and that of one patient."""
+    shown = [sys.executable, "-m", "mjhcmc", "patients", "show", "--quiet", "--out"]
+    with tempfile.TemporaryDirectory() as out:
+        for more in ([str(folder)], ["--seed", "0", "--index", str(SHOWN)]):
+            subprocess.run([*shown, out, *more], check=True, capture_output=True)
+        for path in Path(out).glob("*.png"):
+            with written_whole(docs / ("cohort.png" if path.stem == "cohort" else "patient.png")) as temporary:
+                temporary.write_bytes(path.read_bytes())
 
 
 def _scores(told: dict) -> str:
@@ -217,6 +232,8 @@ def main() -> None:
             ("The cohort", lambda: cohort(Path(folder) / f"with_{len(os.sched_getaffinity(0))}")),
         )
         told = "\n\n".join(f"**{title}**\n\n{part()}" for title, part in parts)
+        if options.write:
+            figures(Path(folder) / f"with_{len(os.sched_getaffinity(0))}", DOCUMENT.parent)
     tables = f"{told}\n\n*Here*: {machine()}. Medians, with the quartiles of {TURNS} turns in brackets."
     print(tables)
     if options.write:

@@ -26,7 +26,7 @@ print(f"range affected {100 * felt.range_affected:.0f} %, Modified Ashworth grad
 
 # The gain, from excitation and fiber velocity alone.
 vasti = leg.muscle_names.index("vasti")
-found = patients.gain(
+found = patients.estimate_gain(
     records[2].reflex[:, vasti], records[2].fiber_velocity[:, vasti], 1 / trials[2].rate, mode="velocity",
     delay=patient.delay,
 )  # fmt: skip

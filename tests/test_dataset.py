@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import shlex
 import signal
 import subprocess
 import sys
@@ -28,6 +29,14 @@ from mjhcmc.patients.workers import AHEAD, pool
 
 HERE = Path(__file__).parent
 SIMULATE = dataset_tools.simulate
+
+
+@pytest.fixture(scope="module", autouse=True)
+def defaults():
+    """The settings of dataset_tools are the defaults, in this process as in those of `command`."""
+    with pytest.MonkeyPatch.context() as patch:
+        dataset_tools.as_battery(patch, SIMULATE)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -93,6 +102,7 @@ def test_the_hash_is_of_what_matters():
 @pytest.mark.parametrize(
     ("fields", "named"),
     [
+        ({"patients": 10**7 + 1}, "patients must be a whole number of at most 10000000; got 10000001"),
         ({"patients": 0}, "patients must be a whole number of at least 1; got 0"),
         ({"patients": -3}, "patients .* -3"),
         ({"patients": 2.5}, r"patients .* 2\.5"),
@@ -431,6 +441,7 @@ def test_the_command_makes_what_the_function_makes(run, whole, tmp_path, monkeyp
     [
         (("--n", 0), "--n"),
         (("--n", "many"), "--n"),
+        (("--n", 10**10), "at most 10000000; got 10000000000"),
         (("--n", 2, "--seed", -1), "--seed"),
         (("--n", 2, "--workers", 0), "--workers"),
         (("--n", 2, "--workers", 2, "--cluster", "tcp://x:1"), "exclude each other"),
@@ -489,6 +500,26 @@ def test_the_card_tells_what_a_reader_needs(whole, tmp_path):
     generate(configuration(1), tmp_path / "one", simulate=SIMULATE)
     front = yaml.safe_load((tmp_path / "one/README.md").read_text().split("---\n")[1])
     assert {files["split"] for config in front["configs"] for files in config["data_files"]} == {"train"}
+
+
+def test_the_command_on_the_card_makes_the_same_dataset(run, tmp_path, monkeypatch):
+    battery = sys.modules["mjhcmc.patients.examination"]
+    monkeypatch.setattr(
+        battery, "DEFAULTS", {**dataset_tools.SETTINGS, "fast": "120 180", "walk": "", "walk_digest": ""}
+    )
+    monkeypatch.setattr(battery, "checked", lambda settings: {**settings, "walk_digest": "of " + settings["walk"]})
+    changes = {"physics_dt": 0.1 / 3, "fast": "90 150", "walk": "it's a walk.mot"}
+    made = Configuration.with_defaults(2, 7, 3, **changes)
+    generate(made, tmp_path / "made", simulate=SIMULATE)
+    line = next(x for x in (tmp_path / "made/README.md").read_text().splitlines() if x.startswith("    mjhcmc"))
+    assert "walk_digest" not in line
+    assert "rate=" not in line
+    words = shlex.split(line)
+    assert (words[0], words[-2:]) == ("mjhcmc", ["--out", "DIR"])
+    assert run(*words[1:-1], tmp_path / "again").code == 0
+    assert contents(tmp_path / "again") == contents(tmp_path / "made")
+    generate(configuration(), tmp_path / "plain", simulate=SIMULATE)
+    assert "--set" not in (tmp_path / "plain/README.md").read_text()
 
 
 def test_columns_are_documented_by_pattern():

@@ -8,17 +8,31 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from cohort_tools import JOINTS, MAS, append, drop, edit, make_dataset
+from cohort_tools import JOINTS, MAS, Invented, append, drop, edit, write_shard
 from sklearn.metrics import cohen_kappa_score
 
 from mjhcmc.errors import OutputError, SettingsError
+from mjhcmc.patients.configuration import Configuration
 from mjhcmc.patients.learning import baseline, features
 from mjhcmc.patients.learning.cohort import load_cohort
 from mjhcmc.patients.learning.leakage import search_leaks
 from mjhcmc.patients.learning.read import open_dataset
 from mjhcmc.patients.learning.report import grade_command, grade_dataset
+from mjhcmc.patients.learning.scores import evaluate
+from mjhcmc.patients.manifest import Manifest
+from mjhcmc.patients.shards import shards_of
 
 N = 120
+
+
+def make_dataset(folder, n):
+    """Invented patients in the shards that a manifest promises; patient 3 has no trials."""
+    rng, configuration = np.random.default_rng(0), Configuration(n, 7, 36, {})
+    for shard in shards_of(configuration):
+        people = [Invented(rng, i, shard.split, 0.35, i == 3, None) for i in range(shard.first, shard.last)]
+        write_shard(folder / shard.name, people)
+    replace(Manifest.of(configuration), status="complete").write(folder)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +181,8 @@ def test_label_copied_into_the_observables_is_flagged(copy):
 
 
 def test_patient_in_two_splits_is_flagged(copy):
-    shutil.copytree(copy / "train" / "shard-00001", copy / "test" / "shard-00009")
+    shutil.rmtree(copy / "test" / "shard-00003")
+    shutil.copytree(copy / "train" / "shard-00001", copy / "test" / "shard-00003")
     found = search_leaks(load_cohort(open_dataset(copy), ("ankle",)))
     assert {"patients in one split", "no copies across splits"} <= flagged(found)
     assert "in more than one split" in reasons(found)
@@ -237,6 +252,61 @@ def test_model_above_the_ceiling_is_flagged(cohort):
     assert search_leaks(cohort, "ideal", [replace(perfect, ranks=cohort.grades["ideal"])]).passed
 
 
+def test_a_model_above_the_raters_is_noted_and_not_failed(report):
+    test = report.cohort.rows("test")
+    truth, other, ideal = (report.cohort.grades[reader] for reader in ("rater_a", "rater_b", "ideal"))
+
+    def kappas(ranks):
+        values = [
+            cohen_kappa_score(truth[test, j], ranks[test, j], weights="quadratic", labels=np.arange(6))
+            for j in range(len(JOINTS))
+        ]
+        return [np.mean(values), *values]
+
+    mixed = np.where(np.arange(len(ideal))[:, None] % 3 > 0, other, ideal)  # a little better than the other rater
+    models = {"knowing": mixed, "oracle": truth}
+    predicted = tuple(baseline.Predicted(name, ranks, {}) for name, ranks in models.items())
+    scores = {n: evaluate(truth[test], r[test]) for n, r in models.items()} | {
+        name: report.scores["test"][name] for name in ("ceiling (rater_b)", "ideal grade")
+    }
+    found = replace(report, predicted=predicted, scores={"test": scores})
+    limits, best = kappas(other), kappas(ideal)
+    expected = {
+        (name, joint): (kappa, limit)
+        for name, ranks in models.items()
+        for joint, kappa, limit in zip(("mean", *JOINTS), kappas(ranks), limits, strict=True)
+        if kappa > limit
+    }
+    assert ("knowing", "mean") in expected
+    assert {(a.model, a.joint): (a.kappa, a.raters) for a in found.above} == {
+        key: pytest.approx(values) for key, values in expected.items()
+    }
+    assert [a.ideal for a in found.above if a.joint == "mean"] == pytest.approx([best[0]] * 2)
+    below, above = (found.screen().split(f"note: above the raters' agreement{how}")[1] for how in (", below", " and"))
+    assert f"knowing, mean: {kappas(mixed)[0]:.3f}, raters {limits[0]:.3f}" in below.split("note:")[0]
+    assert "oracle, mean: 1.000" in above
+    assert {"split", "model", "joint", "kappa", "raters", "ideal"} == set(found.numbers()["above_raters"][0])
+    assert search_leaks(report.cohort, predicted=predicted[:1]).passed
+    assert not replace(
+        found, scores={"test": scores | {"knowing": scores["ceiling (rater_b)"]}}, predicted=predicted[:1]
+    ).above
+    assert not replace(found, target="ideal").above
+
+
+def test_a_feature_that_nobody_in_train_has_is_named(report):
+    assert not report.cohort.never_known
+    assert "warning" not in report.screen()
+    values = report.cohort.features["knee"].copy()
+    train = report.cohort.rows("train")
+    values[train, 7], values[train[1:], 8] = np.nan, np.inf  # the next one is known of one patient
+    name = report.cohort.names["knee"][7]
+    cohort = replace(report.cohort, features=dict(report.cohort.features) | {"knee": values})
+    found = replace(report, cohort=cohort)
+    assert found.numbers()["never_known"] == {"knee": [name]}
+    line = next(line for line in found.screen().splitlines() if line.startswith("warning: knee"))
+    assert line.endswith(f": {name}")
+
+
 def test_flag_gives_exit_code_1(copy, capsys, monkeypatch):
     monkeypatch.delitem(baseline.MODELS, "gradient boosting")
     for path in copy.glob("*/shard-*"):
@@ -254,24 +324,44 @@ def test_no_dataset(tmp_path, run):
     outcome = run("patients", "grade", tmp_path, "--out", tmp_path / "out")
     assert outcome.code == 2
     assert len(outcome.errors) == 1
-    assert "manifest.json is missing" in outcome.errors[0]
+    assert "is no dataset, it has no manifest.json" in outcome.errors[0]
     assert not (tmp_path / "out").exists()
 
 
-def test_absent_split(copy):
-    shutil.rmtree(copy / "validation")
-    with pytest.raises(OutputError, match="split validation is absent"):
+def test_absent_split(tmp_path):
+    with pytest.raises(OutputError, match="split validation is absent: generate more patients"):
+        grade_dataset(make_dataset(tmp_path / "one", 1))
+
+
+def test_a_shard_that_is_missing_is_refused(copy, run):
+    shutil.rmtree(copy / "shift_muscle" / "shard-00004")
+    outcome = run("patients", "grade", copy, "--json")
+    assert (outcome.code, outcome.out, len(outcome.errors)) == (2, "", 1)
+    told = "1 of 7 shards are missing, the first is shift_muscle/shard-00004 (patients 102 to 107): run mjhcmc patients"
+    assert told in outcome.errors[0]
+
+
+def test_a_dataset_that_is_not_finished_is_refused(copy, run):
+    replace(Manifest.read(copy), status="running").write(copy)
+    outcome = run("patients", "grade", copy)
+    assert (outcome.code, outcome.out, len(outcome.errors)) == (2, "", 1)
+    assert "its status is 'running': run mjhcmc patients generate again" in outcome.errors[0]
+
+
+def test_a_manifest_without_a_configuration_is_refused(copy):
+    replace(Manifest.read(copy), configuration={"patients": N}).write(copy)
+    with pytest.raises(OutputError, match=r"manifest\.json: its configuration cannot be read"):
         grade_dataset(copy)
 
 
-def test_shift_splits_may_be_absent(copy):
-    for path in copy.glob("shift_*"):
-        shutil.rmtree(path)
-    assert set(open_dataset(copy).shards) == {"train", "validation", "test"}
+def test_folders_of_no_shard_are_not_read(copy):
+    shutil.copytree(copy / "train" / "shard-00001", copy / "test" / "shard-00009")
+    names = [path.relative_to(copy).as_posix() for paths in open_dataset(copy).shards.values() for path in paths]
+    assert names == [shard.name for shard in shards_of(Configuration(N, 7, 36, {}))]
 
 
 def test_missing_table_and_column(copy):
-    shard = copy / "test" / "shard-00000"
+    shard = copy / "test" / "shard-00003"
     drop(shard / "observables.parquet", "v/hip")
     with pytest.raises(OutputError, match="column 'v/hip' is missing"):
         grade_dataset(copy)
@@ -290,9 +380,9 @@ def test_rank_that_is_none(copy):
         grade_dataset(copy)
 
 
-def test_too_few(copy, tmp_path):
-    shutil.rmtree(copy / "train" / "shard-00000")
-    edit(copy / "train" / "shard-00001" / "patients.parquet", lambda c: c.update(status=["failed"] * len(c["status"])))
+def test_too_few(copy):
+    for path in copy.glob("train/*/patients.parquet"):
+        edit(path, lambda columns: columns.update(status=["failed"] * len(columns["status"])))
     with pytest.raises(SettingsError, match="split train has 0 patients"):
         grade_dataset(copy)
 

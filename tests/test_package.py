@@ -82,3 +82,15 @@ def test_importing_is_light():
         "print([m for m in ('mujoco', 'numba', 'pandas', 'matplotlib', 'scipy', 'qpsolvers') if m in sys.modules])"
     )
     assert run_python(code, ROOT, ROOT) == "[]"
+
+
+def test_public_names_of_patients_are_no_modules():
+    """A module of the same name would take a function's place once it is imported."""
+    import pkgutil
+
+    from mjhcmc import patients
+
+    modules = {module.name for module in pkgutil.iter_modules(patients.__path__)}
+    assert not modules & set(patients.__all__)
+    for name in patients.__all__:
+        assert getattr(patients, name) is not None

@@ -15,12 +15,12 @@ from mjhcmc.patients.configuration import Configuration
 from mjhcmc.patients.drive import drive_of
 from mjhcmc.patients.examination import DEFAULTS, battery, examine, grade, patient_of, simulate_block
 from mjhcmc.patients.leg import gait_leg_of, leg_of
+from mjhcmc.patients.movement import move
 from mjhcmc.patients.patient import healthy, sample_patient
 from mjhcmc.patients.record import Record
 from mjhcmc.patients.sensors import EMG_MUSCLES, observe
 from mjhcmc.patients.tables import SCHEMAS
 from mjhcmc.patients.trials import stretch, voluntary
-from mjhcmc.patients.voluntary import move
 from mjhcmc.patients.walk import walks
 
 WALK = Path(__file__).resolve().parents[2] / "shared" / "walk"
@@ -41,7 +41,10 @@ def test_the_block_holds_all_that_was_done(block, configuration):
     trials = [trial for trial in battery(QUICK) if trial.session == "instrumented"]
     assert block["trials"].num_rows == 2 * len(trials)
     assert set(block["trials"]["name"].to_pylist()) == {trial.name for trial in trials}
-    assert set(block["trials"]["status"].to_pylist()) == {"ok"}
+    assert set(block["trials"]["status"].to_pylist()) <= {"ok", "helped"}
+    told = block["trials"].to_pandas()
+    assert ((told.status == "helped") == (told.reserve_nm > 5)).all()
+    assert told.reason[told.status == "helped"].str.contains("the muscles lack up to").all()
     for name, schema in SCHEMAS.items():
         assert block[name].schema == schema
     samples = block["observables"].to_pandas()
@@ -173,6 +176,31 @@ def test_reflexes_and_spill_over_are_worked_against():
         assert record.reserve < 0.1
 
 
+def test_a_call_without_people_or_of_a_mixture():
+    assert move([], []) == []
+    assert examine([], battery(QUICK), Configuration(1, 0, 1, QUICK)) == []
+    two = [healthy(), replace(healthy(), muscle="rigid")]
+    cases = [Case(p, leg_of(p), voluntary("cosine", "slow", 100.0)) for p in two]
+    motions = [mjhcmc.Motion.cosine(case.model, "slow") for case in cases]
+    with pytest.raises(mjhcmc.SettingsError, match="different muscles"):
+        move(cases, motions)
+    with pytest.raises(mjhcmc.SettingsError, match="2 patients move by 1 motions"):
+        move(cases, motions[:1])
+    with pytest.raises(mjhcmc.SettingsError, match="dt must be a positive"):
+        move(cases[:1], motions[:1], dt=0)
+
+
+def test_fibers_of_hill_muscles_are_their_own():
+    person = replace(healthy(), muscle="rigid")
+    case = Case(person, leg_of(person), voluntary("cosine", "slow", 100.0))
+    motion = mjhcmc.Motion.cosine(case.model, amplitudes={"ankle": -0.2}, period=0.3, cycles=1)
+    hill, own = (move([replace(case, patient=p)], [motion], physics_dt=0.002)[0] for p in (person, healthy()))
+    soleus = MUSCLES.index("soleus")  # pennate: its fiber is not its path
+    assert np.abs(hill.fiber_length[:, soleus] - own.fiber_length[:, soleus]).max() > 1e-3
+    v, grown = hill.fiber_velocity[:, soleus], np.diff(hill.fiber_length[:, soleus])
+    np.testing.assert_allclose(np.cumsum((v[1:] + v[:-1]) / 2 * 0.01), np.cumsum(grown), atol=2e-3)
+
+
 def test_a_movement_that_cannot_be_solved_fails_alone():
     patients = [healthy(), healthy()]
     legs = [leg_of(p) for p in patients]
@@ -218,9 +246,11 @@ def test_grades_are_of_the_resistance_not_of_the_gain(configuration):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"fast_deg_s": "fast"}, "'fast_deg_s' is 'fast': give different speeds"),
-        ({"fast_deg_s": "120 120"}, "different speeds"),
-        ({"slow_deg_s": "0"}, "'slow_deg_s' is 0.0: give a positive number"),
+        ({"fast_deg_s": "fast"}, "'fast_deg_s' is 'fast': give speeds of 1 to 1000 deg/s"),
+        ({"fast_deg_s": "1e9"}, "speeds of 1 to 1000"),
+        ({"fast_deg_s": "120 120.3"}, "differ by 1 deg/s"),
+        ({"slow_deg_s": "0"}, "'slow_deg_s' is 0.0: give a number from 1 to 1000"),
+        ({"dt": "5"}, "'dt' is 5.0: give a number from 0.001 to 0.05"),
         ({"slow_deg_s": "slow"}, "'slow_deg_s' must be a number; got 'slow'"),
         ({"shift_muscle": "steel"}, "muscle 'steel' is not known"),
         ({"shift_reflex": "knee"}, "reflex 'knee' is not known"),

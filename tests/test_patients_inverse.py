@@ -168,7 +168,7 @@ def test_the_true_moment_is_the_muscles_own(records, patients, known):
         np.testing.assert_allclose(found.true_moment, kept, atol=1e-6 * np.abs(kept).max())
 
 
-MISSES = {"hip": (0.027, 0.03, 0.2), "knee": (0.003, 0.005, 0.03), "ankle": (0.007, 0.054, 0.32)}
+MISSES = {"hip": (0.027, 0.03, 0.2), "knee": (0.003, 0.005, 0.03), "ankle": (0.011, 0.054, 0.32)}
 """Of moment, onset (s) and size, of a known leg and perfect instruments: measured, and a quarter more. Antagonists take
 some of the size; at the ankle they hide how the reflex begins."""
 
@@ -204,7 +204,7 @@ def test_the_examiners_torque_acts_as_recorded_and_turned_round_misleads(records
         truth = record.examiner_torque[:, joint]
         middle = (record.time > SETTLED) & (record.time < record.time[-1] - SETTLED)
         assert np.sqrt(np.mean((applied - truth)[middle] ** 2)) < 0.05 * np.abs(truth).max()
-        assert wrong.moment_error > max(50 * right.moment_error, 1.0)
+        assert wrong.moment_error > max(50 * right.moment_error, 0.9)
         assert wrong.group is not None
         assert wrong.group.outcome != "hit"
 
@@ -274,9 +274,9 @@ def changed(observation, **values):
     [
         ({"time": np.empty(0), "qpos": np.empty((0, 3)), "qvel": np.empty((0, 3)), "torque": np.empty(0)}, "0 samples"),
         ({"torque": np.zeros(3)}, r"torque has shape \(3,\)"),
-        ({"qpos": np.zeros((160, 2))}, r"qpos has shape \(160, 2\): give \(160, 3\)"),
-        ({"torque": np.full(160, np.nan)}, "torque is not finite"),
-        ({"time": np.zeros(160)}, "rise evenly"),
+        ({"qpos": np.zeros((170, 2))}, r"qpos has shape \(170, 2\): give \(170, 3\)"),
+        ({"torque": np.full(170, np.nan)}, "torque is not finite"),
+        ({"time": np.zeros(170)}, "rise evenly"),
     ],
 )
 def test_samples_that_cannot_be(records, patients, change, words):

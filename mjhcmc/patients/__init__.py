@@ -33,7 +33,7 @@ _HOME = {
     "healthy": "patient",
     "ideal_grade": "rater",
     "leg_of": "leg",
-    "move": "voluntary",
+    "move": "movement",
     "observe": "sensors",
     "pendulum": "trials",
     "rate": "rater",

@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjhcmc.errors import SettingsError
 from mjhcmc.hosted.fiber_speed import fiber_lengths, fiber_speeds
 from mjhcmc.hosted.lockstep import HillLockstep
 from mjhcmc.hosted.muscles import HostedMuscles, hosted_muscles
@@ -37,6 +38,7 @@ Array = NDArray[np.float64]
 Ids = NDArray[np.intp]
 
 _GRAVITY = 9.80665  # m/s^2
+_JUDGED = 0.05  # s, from one look of a machine at its torque to the next
 _AT_ONCE = 96  # trials; more do not fit the processor's cache
 CURVES = "millard"
 """Of patients' Hill muscles."""
@@ -106,8 +108,14 @@ def run_trials(cases: Sequence[Case], *, threads: int = 1, finer: int = 1) -> li
         A record for each case, in their order; one whose simulation fails names the reason.
 
     Raises:
+        SettingsError: a trial of a movement by will, a leg of other joints or muscles than leg8's, or a rate that the
+            trial's clock does not divide.
         MjhcmcError: a patient's muscles or leg cannot be simulated at all.
     """
+    if not isinstance(finer, int) or finer < 1:
+        raise SettingsError(f"finer must be a whole number of at least 1; got {finer!r}")
+    for case in cases:
+        _check(case)
     groups: dict[tuple[Clock, str, str, float], list[int]] = {}
     for i, case in enumerate(cases):
         key = clock_of(case.trial, case.patient.muscle), case.patient.muscle, case.patient.reflex, case.trial.rate
@@ -120,6 +128,21 @@ def run_trials(cases: Sequence[Case], *, threads: int = 1, finer: int = 1) -> li
             some = members[first : first + _AT_ONCE]
             found.update(zip(some, _Team([cases[i] for i in some], cut, threads).run(), strict=True))
     return [found[i] for i in range(len(cases))]
+
+
+def _check(case: Case) -> None:
+    """Raise SettingsError where a trial cannot be carried out on the leg."""
+    trial, model = case.trial, case.model
+    if not trial.joint:
+        raise SettingsError(f"trial {trial.name!r} is a movement by will: let the patient move (`patients.move`)")
+    if model.dof_names != JOINTS or model.muscle_names != MUSCLES:
+        raise SettingsError(f"trial {trial.name!r}: model {model.name!r} is not leg8 with its fixed pelvis: use leg_of")
+    periods = 1.0 / (trial.rate * clock_of(trial).period)
+    if abs(periods - round(periods)) > 1e-6 or round(periods) < 1:
+        raise SettingsError(
+            f"trial {trial.name!r}: a rate of {trial.rate:g} Hz is not kept by control periods of "
+            f"{1e3 * clock_of(trial).period:g} ms: choose {1 / clock_of(trial).period:g} Hz or a whole part of it"
+        )
 
 
 class _Team:
@@ -162,7 +185,8 @@ class _Team:
         """Carry out the trials."""
         clock, plants, b, trials = self._clock, self._plants, len(self._cases), [case.trial for case in self._cases]
         n_period = np.array([round(trial.duration / clock.period) for trial in trials])
-        every = max(1, round(1.0 / (trials[0].rate * clock.period)))
+        every = round(1.0 / (trials[0].rate * clock.period))
+        judge = max(1, round(_JUDGED / clock.period))
         arc, at = ReflexArc(self._law()), plants.layout
         tone = np.stack([drive.tone for drive in self._drives])
         spill = np.array([[drive.cocontraction] for drive in self._drives])
@@ -184,16 +208,19 @@ class _Team:
             lag, slip = q - now[one, at.qpos.start + joint], v - now[one, at.qvel.start + joint]
             tested[one, joint] = self._arms.torque(ids, lag, slip, middle, clock.period)
             pushed, sampled = self._push(ids, a), k % every == 0
-            seen = plants.look(ids, now, tested + pushed) if sampled or always else None
+            judged = k % judge == 0 and bool(self._machine[ids].any())
+            seen = plants.look(ids, now, tested + pushed) if sampled or always or judged else None
             path = plants.path(ids, now) if seen is None else seen.path
             length, speed = self._fibers(ids, now[:, at.activation], now[:, at.fiber], path)
             reflex = arc.step(ids, speed, None if seen is None else seen.force / self._strength[ids])
             u = np.clip(tone[ids] + reflex + spill[ids] * (reflex @ ANTAGONISTS), 0.0, 1.0)
-            if sampled and seen is not None:
+            if seen is not None and (sampled or judged):
                 torque = np.where(self._led[ids], pushed - HEAVY * seen.qacc, tested)
                 torque[one, joint] -= self._hand[ids] * seen.qacc[one, joint]
+            if judged:
                 stops = self._machine[ids] & (np.abs(torque[one, joint]) > self._most[ids])
                 self._stopped[ids[stops]] = np.minimum(self._stopped[ids[stops]], k * clock.period)
+            if sampled and seen is not None:
                 samples.keep(
                     k // every, ids, now[:, at.qpos], now[:, at.qvel], seen, torque, u, reflex, now[:, at.activation],
                     length, speed,

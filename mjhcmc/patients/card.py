@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Literal
@@ -55,7 +56,7 @@ _ROWS: tuple[tuple[str, str, str, Kind, str], ...] = (
     ("*", "patient", "", "key", "index of the patient; never an input"),
     ("*", "split", "", "key", "split of the patient"),
     ("*", "trial", "", "key", "number of the trial within the patient's battery"),
-    ("patients", "status", "", "key", "ok, or failed: then the reason says why, and labels are missing"),
+    ("patients", "status", "", "key", "ok, or failed: then the reason says why, and labels may be missing"),
     ("patients", "reason", "", "key", "why the simulation failed; empty otherwise"),
     ("patients", "sex", "", "observable", "F or M"),
     ("patients", "height", "m", "observable", "body height"),
@@ -66,8 +67,11 @@ _ROWS: tuple[tuple[str, str, str, Kind, str], ...] = (
     ("patients", "ideal_rank/*", "0 to 5", "label", "rank of the ideal grade (1+ is 2)"),
     ("patients", "rater_a_rank/*", "0 to 5", "label", "rank of the first rater's grade"),
     ("patients", "rater_b_rank/*", "0 to 5", "label", "rank of the second rater's grade"),
-    ("patients", "catch_angle/*", "deg", "label", "joint angle of the catch in the ideal reading"),
-    ("patients", "resistance/*", "N m", "label", "resistance after the catch in the ideal reading"),
+    ("patients", "catch_angle/*", "deg", "label",
+     "joint angle of the catch in the ideal reading; missing without a catch"),
+    ("patients", "resistance/*", "N m", "label",
+     "resistance in the ideal reading, the excess over a healthy limb of that size: the largest after the catch, or of "
+     "the whole stretch where there is no catch"),
     ("patients", "range_affected/*", "0 to 1", "label", "share of the range with resistance in the ideal reading"),
     ("patients", "range_lost/*", "0 to 1", "label", "share of the passive range lost in the ideal reading"),
     ("patients", "latent/reflex", "", "latent", "model of the stretch reflex: velocity, equation1 or force"),
@@ -81,8 +85,8 @@ _ROWS: tuple[tuple[str, str, str, Kind, str], ...] = (
     ("patients", "latent/activation_time", "s", "latent", "activation time constant"),
     ("patients", "latent/deactivation_time", "s", "latent", "deactivation time constant"),
     ("patients", "latent/gain/*", "s", "latent",
-     "gain of the reflex: excitation per optimal fiber length a second (equation1: its rate, 1/s; force: per max "
-     "isometric force)"),
+     "gain of the reflex: excitation per optimal fiber length a second (equation1: 1/lopt, excitation per optimal "
+     "fiber length of stretch; force: per max isometric force)"),
     ("patients", "latent/threshold/*", "1/s", "latent",
      "threshold of the reflex, optimal fiber lengths a second (force: over max isometric force)"),
     ("patients", "latent/passive_strain/*", "", "latent", "fiber strain at which passive force is max isometric force"),
@@ -96,17 +100,23 @@ _ROWS: tuple[tuple[str, str, str, Kind, str], ...] = (
     ("trials", "posture", "", "observable", "side_lying, seated, hanging or standing"),
     ("trials", "examiner", "", "observable", "servo, torque (an examiner's arm) or empty (none)"),
     ("trials", "speed_deg_s", "deg/s", "observable", "commanded peak speed"),
-    ("trials", "start_deg", "deg", "observable", "commanded start of the stretch"),
-    ("trials", "end_deg", "deg", "observable", "commanded end of the stretch"),
+    ("trials", "start_deg", "deg", "observable", "commanded start of the stretch; signs as q"),
+    ("trials", "end_deg", "deg", "observable", "commanded end of the stretch; signs as q"),
     ("trials", "duration_s", "s", "observable", "duration"),
     ("trials", "rate_hz", "Hz", "observable", "samples a second in observables"),
     ("trials", "reserve_nm", "N m", "privileged", "voluntary movements: what the muscles lack at the worst joint"),
-    ("trials", "status", "", "key", "ok or failed"),
-    ("trials", "reason", "", "key", "why the trial failed; empty otherwise"),
+    ("trials", "status", "", "key",
+     "ok, failed or helped: a voluntary movement for which the muscles lack more than 5 N m at a joint, given by "
+     "reserves (see reserve_nm)"),
+    ("trials", "reason", "", "key", "why the trial failed or was helped; empty otherwise"),
     ("observables", "time", "s", "observable", "from the start of the trial"),
-    ("observables", "q/*", "rad", "observable", "joint angle, with the goniometer's noise"),
-    ("observables", "v/*", "rad/s", "observable", "joint velocity, with the gyroscope's noise"),
-    ("observables", "torque", "N m", "observable", "examiner's torque at the joint under test, with noise; or 0"),
+    ("observables", "q/*", "rad", "observable",
+     "joint angle, with the goniometer's noise; 0 in the anatomical position; hip flexion, knee extension and ankle "
+     "dorsiflexion positive: knee flexion is negative"),
+    ("observables", "v/*", "rad/s", "observable", "joint velocity, with the gyroscope's noise; signs as q"),
+    ("observables", "torque", "N m", "observable",
+     "examiner's torque at the joint under test, with noise, positive in the direction of the positive angle; 0 where "
+     "nobody pushes; torques that hold the other joints are not recorded"),
     ("observables", "emg/*", "", "observable", "EMG-like envelope with noise; iliopsoas has no surface EMG"),
     ("privileged", "time", "s", "privileged", "from the start of the trial; every second sample of observables"),
     ("privileged", "excitation/*", "0 to 1", "privileged", "excitation"),
@@ -116,6 +126,9 @@ _ROWS: tuple[tuple[str, str, str, Kind, str], ...] = (
     ("privileged", "fiber_velocity/*", "1/s", "privileged", "optimal fiber lengths a second, lengthening positive"),
     ("privileged", "force/*", "N", "privileged", "muscle force along the tendon"),
 )  # fmt: skip
+
+_FOLLOWS = ("walk_digest",)
+"""Settings that are computed from others."""
 
 _ABOUT = {
     "patients": "one row a patient: demographics, labels, latent parameters",
@@ -143,7 +156,7 @@ tests of hip, knee and ankle are simulated on a muscle-driven leg, and simulated
 Made by `{generator}` from configuration `{hash}`, seed {seed}: {patients} patients. `manifest.json` holds all settings,
 versions and checksums; on one platform and those versions, the command below gives the same bytes.
 
-    mjhcmc patients generate --n {patients} --seed {seed} --shard-size {shard_size} --out DIR
+    {command}
 
 ## Splits
 
@@ -160,8 +173,9 @@ Each split has folders `shard-00000`, ...; each of them holds the four tables of
 
 Labels are in `patients`: the grade of each tested joint on the Modified Ashworth Scale by a simulated rater
 (`rater_a_rank/<joint>` is the target), by a second rater, and by a reader without noise. The agreement of the two
-raters bounds what can be learned; a score beyond it means leakage. Inputs are observable columns only: not latent or
-privileged ones, not `patient`, `seed` or the number of the shard.
+raters is what a model is measured against: one that knows the ideal grade agrees with a rater better than another
+rater does, so that a score may lie between the two; one well beyond means leakage. Inputs are observable columns only:
+not latent or privileged ones, not `patient`, `seed` or the number of the shard.
 
 {columns}
 
@@ -203,12 +217,28 @@ def card(configuration: Configuration) -> str:
         hash=configuration.hash,
         seed=configuration.seed,
         patients=configuration.patients,
-        shard_size=configuration.shard_size,
+        command=command(configuration),
         splits="\n".join(shares),
         tables="\n".join(f"- `{name}`: {about}" for name, about in _ABOUT.items()),
         columns="\n\n".join(_section(table) for table in ("*", *TABLES)),
     )
     return _front_matter(configuration, list(blocks)) + text
+
+
+def command(configuration: Configuration) -> str:
+    """The command line that makes a dataset, but for its folder: with every setting that is not the default.
+
+    Args:
+        configuration: of the dataset.
+    """
+    from mjhcmc.patients.examination import DEFAULTS  # loads the simulation
+
+    words = ["mjhcmc", "patients", "generate", "--n", str(configuration.patients), "--seed", str(configuration.seed)]
+    words += ["--shard-size", str(configuration.shard_size)]
+    for name, value in configuration.settings.items():
+        if name not in _FOLLOWS and (name not in DEFAULTS or value != DEFAULTS[name]):
+            words += ["--set", f"{name}={value}"]
+    return f"{shlex.join(words)} --out DIR"
 
 
 def _patients(block: range) -> str:

@@ -35,6 +35,7 @@ SHARES: dict[str, int] = {
 """Percent of the patients in each split, in the order of their indices."""
 
 _LARGEST = 2**63 - 1  # seed and index are int64 columns
+_MOST_PATIENTS = 10**7  # the plan of all shards is held in memory
 _POSITIVE = ("dt", "physics_dt", "rate")
 
 Setting = int | float | str
@@ -68,7 +69,7 @@ class Configuration:
     """What determines every byte of a dataset, on one platform and one set of versions.
 
     Attributes:
-        patients: how many.
+        patients: how many; ten million at most.
         seed: of all patients; each is drawn from (seed, index).
         shard_size: patients a shard, at most.
         settings: of the simulation, by name: numbers (SI) and words; by default those of the battery of tests.
@@ -85,8 +86,8 @@ class Configuration:
         Raises:
             SettingsError: a number that is not whole or out of range, or a setting that is no finite number or word.
         """
-        for name, least in (("patients", 1), ("seed", 0), ("shard_size", 1)):
-            object.__setattr__(self, name, whole_number(name, getattr(self, name), least))
+        for name, least, most in (("patients", 1, _MOST_PATIENTS), ("seed", 0, _LARGEST), ("shard_size", 1, _LARGEST)):
+            object.__setattr__(self, name, whole_number(name, getattr(self, name), least, most))
         settings = {name: _plain(name, self.settings[name]) for name in sorted(self.settings)}
         object.__setattr__(self, "settings", settings)
 
@@ -129,15 +130,17 @@ class Configuration:
         }
 
 
-def whole_number(name: str, value: object, least: int) -> int:
-    """A whole number of at least so much, as Python's int.
+def whole_number(name: str, value: object, least: int, most: int = _LARGEST) -> int:
+    """A whole number of at least and at most so much, as Python's int.
 
     Raises:
         SettingsError: it is none, or out of range.
     """
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not whole or not least <= int(value) <= _LARGEST:  # type: ignore[call-overload]
+    if not whole or int(value) < least:  # type: ignore[call-overload]
         raise SettingsError(f"{name} must be a whole number of at least {least}; got {value!r}")
+    if int(value) > most:  # type: ignore[call-overload]
+        raise SettingsError(f"{name} must be a whole number of at most {most}; got {value!r}")
     return int(value)  # type: ignore[call-overload, no-any-return]
 
 

@@ -311,7 +311,7 @@ DISTRIBUTIONS: Mapping[str, Named] = MappingProxyType(
         ),
         "gain/equation1": Named(
             WithZeros(0.3, Kumaraswamy(1.0, 3.0, 0.02, 0.6)),
-            "1/s per lopt/s",
+            "1/lopt",
             f"{_NO_TABLE}; the excitation is this times the length of the stretch, of .3 to 1 optimal fiber lengths",
             rho=0.8,
             reason=_GAIN,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -18,13 +19,13 @@ from mjhcmc.patients.bench import Case, run_trials
 from mjhcmc.patients.grades import rank
 from mjhcmc.patients.groups import TESTED
 from mjhcmc.patients.leg import gait_leg_of, leg_of
+from mjhcmc.patients.movement import move
 from mjhcmc.patients.patient import RATERS, Patient, healthy, sample_patient, stream
 from mjhcmc.patients.rater import ideal_grade, rate, sample_raters
 from mjhcmc.patients.record import Record
 from mjhcmc.patients.resistance import Resistance, Usual, hand_on, read_resistance, usual_resistance
 from mjhcmc.patients.sensors import observe
 from mjhcmc.patients.trials import Trial, pendulum, stretch, voluntary
-from mjhcmc.patients.voluntary import move
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -52,6 +53,11 @@ DEFAULTS: dict[str, float | int | str] = {
 """Settings of the simulation. ``dt`` and ``physics_dt`` (s) are those of voluntary movements; ``walk``, ``walk_loads``
 are files of a measured walk and its ground reaction, of a subject of ``walk_height`` (m) and ``walk_mass`` (kg), of
 which patients walk the part from ``walk_start`` to ``walk_end`` (s); empty: nobody walks."""
+
+_BOUNDS: Mapping[str, tuple[float, float]] = {
+    "slow_deg_s": (1.0, 1000.0), "dt": (0.001, 0.05), "physics_dt": (1e-5, 0.05), "walk_dt": (0.001, 0.05),
+    "walk_height": (1.0, 2.5), "walk_mass": (20.0, 250.0),
+}  # fmt: skip
 
 RATED = ("ideal", "rating")
 """Sessions in which a rater's hand is on the limb: for the grade that the patient deserves, and for the one given."""
@@ -99,11 +105,13 @@ def checked(settings: Mapping[str, float | int | str]) -> dict[str, float | int 
     found = dict(settings)
     for name in ("fast_deg_s", "shift_fast_deg_s"):
         words = str(found[name]).split()
-        if not words or not all(_is_speed(word) for word in words) or len(set(words)) < len(words):
-            raise SettingsError(f"setting {name!r} is {found[name]!r}: give different speeds in deg/s, as '120 180'")
-    for name in ("slow_deg_s", "dt", "physics_dt", "walk_dt", "walk_height", "walk_mass"):
-        if float(found[name]) <= 0:
-            raise SettingsError(f"setting {name!r} is {found[name]}: give a positive number")
+        if not words or not all(_is_speed(word) for word in words):
+            raise SettingsError(f"setting {name!r} is {found[name]!r}: give speeds of 1 to 1000 deg/s, as '120 180'")
+        if len({f"{float(word):.0f}" for word in words}) < len(words):
+            raise SettingsError(f"setting {name!r} is {found[name]!r}: give speeds that differ by 1 deg/s and more")
+    for name, (low, high) in _BOUNDS.items():
+        if not low <= float(found[name]) <= high:
+            raise SettingsError(f"setting {name!r} is {found[name]}: give a number from {low:g} to {high:g}")
     subject = sample_patient(0, 0, reflex=str(found["shift_reflex"]), muscle=str(found["shift_muscle"]))
     Motion.cosine(leg_of(subject), str(found["movement"]))
     for split in ("train", SPLIT_OF_VELOCITIES):
@@ -118,7 +126,7 @@ def checked(settings: Mapping[str, float | int | str]) -> dict[str, float | int 
 
 def _is_speed(word: str) -> bool:
     try:
-        return 0 < float(word) < float("inf")
+        return 1 <= float(word) <= 1000
     except ValueError:
         return False
 
@@ -203,6 +211,8 @@ def examine(
     """
     settings = configuration.settings
     dt, physics_dt = float(settings["dt"]), float(settings["physics_dt"])
+    if not patients or not trials:
+        return [[] for _ in patients]
     legs = [leg_of(patient) for patient in patients]
     found: dict[tuple[int, int], Record] = {}
     passive = [k for k, trial in enumerate(trials) if trial.test not in _BY_WILL]
@@ -232,12 +242,14 @@ def examine(
 
 def usual_of(patient: Patient, joint: str) -> Usual:
     """What raters are used to in a limb of a patient's size: the same stretch of a healthy leg, to scale."""
-    return _usual(joint).scaled(patient.body_mass * patient.height / (_USUAL.body_mass * _USUAL.height))
+    return _usual(joint, patient.muscle).scaled(patient.body_mass * patient.height / (_USUAL.body_mass * _USUAL.height))
 
 
 @functools.cache
-def _usual(joint: str) -> Usual:
-    return usual_resistance(run_trials([Case(_USUAL, leg_of(_USUAL), stretch(joint, "mas", session="ideal"))])[0])
+def _usual(joint: str, muscle: str) -> Usual:
+    person = replace(_USUAL, muscle=muscle)
+    case = Case(person, leg_of(person), stretch(joint, "mas", session="ideal"))
+    return usual_resistance(run_trials([case])[0])
 
 
 def grade(patient: Patient, records: Sequence[Record]) -> dict[str, dict[str, object]]:

@@ -20,9 +20,10 @@ LEVERS: dict[str, float] = {"hip": 0.21, "knee": 0.21, "ankle": 0.09}
 HAND_MASS = 1.0
 """kg, of the examiner's hand and forearm that go along (chosen here)."""
 
-HAND_STIFFNESS = 800.0
-"""N/m, of an arm that means to hold its course (chosen here; of relaxed arms 100 to 500 N/m are reported by
-Mussa-Ivaldi, Hogan, Bizzi 1985, doi:10.1523/JNEUROSCI.05-10-02732.1985)."""
+HAND_STIFFNESS = 5000.0
+"""N/m, of arms that mean to hold their course: so stiff that a healthy limb goes as fast as is meant (chosen here; of
+one relaxed arm 100 to 500 N/m are reported by Mussa-Ivaldi, Hogan, Bizzi 1985,
+doi:10.1523/JNEUROSCI.05-10-02732.1985)."""
 
 HAND_STRENGTH = 200.0
 """N, that an examiner pushes with at most (chosen here)."""

@@ -38,6 +38,9 @@ SMOOTH = 0.02
 END_ZONE = 0.85
 """Part of the range where its end begins: resistance that sets in later is no catch; chosen here."""
 
+START_ZONE = 0.1
+"""Part of the range in which the limb is only set going: what resists there is no catch; chosen here."""
+
 CORNER = 0.5
 """A catch ends in a corner: resistance then rises less than this share as steeply over the angle. A tissue that is
 strained does not: its stiffness grows or stays (Fung 1967, doi:10.1152/ajplegacy.1967.213.6.1532). Chosen here."""
@@ -195,8 +198,9 @@ def usual_resistance(record: Record) -> Usual:
 def read_resistance(record: Record, hand: Hand, usual: Usual | None = None) -> Resistance:
     """Read a passive stretch.
 
-    A catch is the first rise within `SUDDEN` that is at least half of the largest, can be felt, sets in before
-    `END_ZONE`, and ends in a corner (`CORNER`): the resistance of a strained tissue keeps rising with the angle.
+    A catch is the first rise within `SUDDEN` that is at least half of the largest, can be felt, sets in after
+    `START_ZONE` and before `END_ZONE`, and ends in a corner (`CORNER`): the resistance of a strained tissue keeps
+    rising with the angle.
 
     Args:
         record: of a passive stretch, ``"mas"`` as a rule.
@@ -322,7 +326,7 @@ def _catch(time: Array, s: Array, excess: Array, moving: NDArray[np.bool_]) -> t
     half = SUDDEN / 2
     felt = np.maximum(excess, 0.0)
     rise = np.interp(time + half, time, felt) - np.interp(time - half, time, felt)
-    rise = np.where(moving, rise, -np.inf)
+    rise = np.where(moving & (s >= START_ZONE), rise, -np.inf)
     inner = (rise[1:-1] > rise[:-2]) & (rise[1:-1] >= rise[2:]) & (rise[1:-1] >= 0.5 * rise.max()) & (rise[1:-1] > 0)
     for i in np.flatnonzero(inner) + 1:
         t0, t1 = time[i] - half, time[i] + half

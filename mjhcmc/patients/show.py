@@ -110,7 +110,7 @@ class Shown:
             grades = [row[f"{reader}/{joint}"] or "-" for reader in READERS]
             table.append([joint, *grades, *_reading(row, joint)])
         lines += [*stand_under_each_other(table), ""]
-        unit, bound = {"velocity": ("s", "1/s"), "equation1": ("1/s", "1/s"), "force": ("1/F0", "F0")}[p.reflex]
+        unit, bound = {"velocity": ("s", "1/s"), "equation1": ("1/lopt", "1/s"), "force": ("1/F0", "F0")}[p.reflex]
         table = [["latent", f"gain ({unit})", f"threshold ({bound})", "tone", "shortening", "passive strain"]]
         for group in p.groups:
             values = (group.gain, group.threshold, group.tone, group.fiber_shortening, group.passive_strain)

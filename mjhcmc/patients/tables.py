@@ -24,6 +24,9 @@ _HIDDEN = ("excitation", "reflex", "activation", "fiber_length", "fiber_velocity
 _FIELDS = ("excitation", "reflex", "activation", "fiber_length", "fiber_velocity", "muscle_force")
 _NOT_LATENT = ("seed", "index", "sex", "height", "body_mass")
 
+HELP = 5.0
+"""N m, of reserves in a movement by will, beyond which it is not the patient's own; a tenth of what a knee gives."""
+
 _HIDDEN_EVERY = 2  # samples
 
 
@@ -102,8 +105,7 @@ class Block:
                 "examiner": trial.examiner, "speed_deg_s": round(float(np.degrees(trial.speed)), 6),
                 "start_deg": round(float(np.degrees(trial.start)), 6),
                 "end_deg": round(float(np.degrees(trial.end)), 6), "duration_s": duration, "rate_hz": trial.rate,
-                "reserve_nm": record.reserve, "status": "failed" if record.failure else "ok",
-                "reason": record.failure,
+                "reserve_nm": record.reserve, **_outcome(record),
             } | self._traced()
         )  # fmt: skip
         if seen is None:
@@ -136,6 +138,16 @@ class Block:
 
     def _traced(self) -> dict[str, Any]:
         return dict(zip((name for name, _ in _TRACE), self._trace, strict=True))
+
+
+def _outcome(record: Record) -> dict[str, str]:
+    """Status and reason of a trial."""
+    if record.failure:
+        return {"status": "failed", "reason": record.failure}
+    if record.reserve > HELP:
+        lack = f"the muscles lack up to {record.reserve:.3g} N m at a joint, which were given"
+        return {"status": "helped", "reason": f"{record.trial.name}: {lack}"}
+    return {"status": "ok", "reason": ""}
 
 
 def _patient_schema(rows: list[dict[str, Any]]) -> pa.Schema:

@@ -14,7 +14,7 @@ from mjhcmc.leg8.table import JOINTS
 
 Array = NDArray[np.float64]
 
-REST = 0.2
+REST = 0.3
 """s, that the limb is held still before a stretch: the resistance then is the baseline."""
 
 HOLD = 0.5
@@ -160,6 +160,8 @@ def stretch(
     Raises:
         SettingsError: an unknown joint, test or examiner; a speed that is not positive.
     """
+    if not (math.isfinite(rate) and rate > 0):
+        raise SettingsError(f"a trial takes a positive rate in Hz; got {rate}")
     if joint not in _WAYS_DEG:
         raise SettingsError(f"joint {joint!r} cannot be stretched: choose one of {', '.join(_WAYS_DEG)}")
     if test not in TESTS[:3]:

@@ -149,7 +149,7 @@ def _mechanisms(sheet: TrialSheet, patient: Patient) -> None:
     """The latent values of each muscle group, as a small table."""
     ax = sheet.panel(5, 2, "Hidden mechanisms")
     ax.set_axis_off()
-    unit = {"velocity": "s", "equation1": "1/s", "force": "1/F0"}[patient.reflex]
+    unit = {"velocity": "s", "equation1": "1/lopt", "force": "1/F0"}[patient.reflex]
     bound = "F0" if patient.reflex == "force" else "1/s"
     heads = ("", f"gain\n({unit})", f"threshold\n({bound})", "tone\n(%)", "shorter\n(%)", "stiffer\n(×)")
     rows = [

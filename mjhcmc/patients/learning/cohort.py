@@ -78,6 +78,16 @@ class Cohort:
         return np.flatnonzero(self.split == split)
 
     @property
+    def never_known(self) -> dict[str, tuple[str, ...]]:
+        """By joint, features that are missing for every patient of train: no model learns of them."""
+        train, found = self.rows("train"), {}
+        for joint in self.joints:
+            missing = np.flatnonzero(~np.isfinite(self.features[joint][train]).any(axis=0)).tolist()
+            if missing:
+                found[joint] = tuple(self.names[joint][i] for i in missing)
+        return found
+
+    @property
     def splits(self) -> tuple[str, ...]:
         """Splits that have patients, in the order of the dataset."""
         return tuple(dict.fromkeys(self.split.tolist()))

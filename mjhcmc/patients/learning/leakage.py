@@ -7,7 +7,7 @@ of this dataset may be believed before it is explained.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -238,7 +238,10 @@ def _pattern(cohort: Cohort, how: Array, rows: NDArray[np.int64], j: int) -> Arr
 
 
 def _ceiling(cohort: Cohort, target: str, predicted: Sequence[Predicted]) -> Check:
-    """No model agrees with a rater better than another rater does. The ideal grade has no such ceiling."""
+    """On test, no model's mean kappa lies above the interval of the raters' agreement.
+
+    What lies above the value, but within the interval, `above_raters` tells: a model that knows the ideal grade may.
+    """
     reasons = []
     if target != "ideal":
         test = cohort.rows("test")
@@ -254,6 +257,54 @@ def _ceiling(cohort: Cohort, target: str, predicted: Sequence[Predicted]) -> Che
                     "look for the leak"
                 )
     return _check("below the ceiling", reasons)
+
+
+@dataclass(frozen=True)
+class Above:
+    """A model's kappa that lies above the agreement of the raters.
+
+    Attributes:
+        split: where.
+        model: whose.
+        joint: which; ``"mean"``: over all joints.
+        kappa: of the model with the first rater.
+        raters: of the second rater with the first.
+        ideal: of the ideal grade with the first rater.
+    """
+
+    split: str
+    model: str
+    joint: str
+    kappa: float
+    raters: float
+    ideal: float
+
+
+def above_raters(
+    scores: Mapping[str, Mapping[str, Scores]], joints: Sequence[str], models: Sequence[str], raters: str, ideal: str
+) -> tuple[Above, ...]:
+    """Where models agree with a rater better than another rater does: not a leak by itself, but to be explained.
+
+    Args:
+        scores: by split and row.
+        joints: that are graded.
+        models: rows that are models.
+        raters: the row of the second rater.
+        ideal: the row of the ideal grade.
+    """
+
+    def kappas(found: Scores) -> tuple[float, ...]:
+        return (found.kappa.value, *found.by_joint)
+
+    return tuple(
+        Above(split, model, joint, *values)
+        for split, rows in scores.items()
+        for model in models
+        for joint, *values in zip(
+            ("mean", *joints), *(kappas(rows[name]) for name in (model, raters, ideal)), strict=True
+        )
+        if values[0] > values[1]
+    )
 
 
 def _check(name: str, reasons: Sequence[str]) -> Check:

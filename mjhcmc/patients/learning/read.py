@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,15 +12,13 @@ from numpy.typing import NDArray
 
 from mjhcmc.errors import OutputError, SettingsError
 from mjhcmc.leg8.table import JOINTS, MUSCLES
+from mjhcmc.patients.stored import open_manifest, shards_in
 
 Column = NDArray[Any]
 Columns = dict[str, Column]
 
 HELD_OUT = ("train", "validation", "test")
 """Splits that a baseline cannot do without."""
-
-SHIFTS = ("shift_muscle", "shift_reflex", "shift_velocity")
-"""Splits of other generators; small datasets may lack them."""
 
 ORIGIN = ("split", "generator", "configuration", "seed")
 """Columns of every table that tell where a row comes from; no feature reads them."""
@@ -103,31 +99,24 @@ def open_dataset(folder: str | Path) -> Dataset:
         folder: that ``mjhcmc patients generate`` wrote.
 
     Raises:
-        OutputError: it is none, or lacks train, validation or test.
+        OutputError: it is none, is not complete, or has nobody in train, validation or test.
     """
     folder = Path(folder)
-    manifest = folder / "manifest.json"
-    if not manifest.is_file():
-        raise OutputError(f"{folder}: no dataset: manifest.json is missing: name a folder of mjhcmc patients generate")
-    try:
-        content = json.loads(manifest.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{manifest}: cannot be read ({error}): generate the dataset again") from None
-    if not isinstance(content, dict):
-        raise OutputError(f"{manifest}: holds no object: generate the dataset again")
-    shards = {split: _shards(folder / split) for split in (*HELD_OUT, *SHIFTS)}
+    manifest = open_manifest(folder)
+    there, missing = shards_in(folder, manifest)
+    again = "run mjhcmc patients generate again with the same options, it makes the rest"
+    if missing:
+        which = f"{len(missing)} of {len(there) + len(missing)} shards are missing, the first is {missing[0]}"
+        raise OutputError(f"{folder}: this dataset is not complete: {which}: {again}")
+    if manifest.status != "complete":
+        raise OutputError(f"{folder}: this dataset is not complete: its status is {manifest.status!r}: {again}")
+    shards: dict[str, tuple[Path, ...]] = {}
+    for shard in there:
+        shards[shard.split] = (*shards.get(shard.split, ()), folder / shard.name)
     for split in HELD_OUT:
-        if not shards[split]:
-            raise OutputError(f"{folder}: split {split} is absent: generate more patients, or let generate finish")
-    return Dataset(folder, {split: paths for split, paths in shards.items() if paths})
-
-
-def _shards(folder: Path) -> tuple[Path, ...]:
-    """Whole shards: what is being written has another name."""
-    if not folder.is_dir():
-        return ()
-    found = [path for path in folder.iterdir() if path.is_dir() and re.fullmatch(r"shard-\d+", path.name)]
-    return tuple(sorted(found, key=lambda path: (len(path.name), path.name)))
+        if split not in shards:
+            raise OutputError(f"{folder}: split {split} is absent: generate more patients")
+    return Dataset(folder, shards)
 
 
 def column_names(path: Path) -> tuple[str, ...]:

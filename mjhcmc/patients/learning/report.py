@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from mjhcmc.errors import SettingsError
 from mjhcmc.patients.learning.baseline import MODELS, Predicted, grade
 from mjhcmc.patients.learning.cohort import Cohort, Ranks, check_grades, load_cohort
 from mjhcmc.patients.learning.features import READS
-from mjhcmc.patients.learning.leakage import LeakReport, search_leaks
+from mjhcmc.patients.learning.leakage import Above, LeakReport, above_raters, search_leaks
 from mjhcmc.patients.learning.read import open_dataset
 from mjhcmc.patients.learning.scores import Scores, confusion, evaluate
 
@@ -23,7 +23,17 @@ if TYPE_CHECKING:
 GRADES = ("0", "1", "1+", "2", "3", "4")
 """The modified Ashworth scale, by rank."""
 
+_RATERS, _IDEAL = "ceiling (rater_b)", "ideal grade"
+
 _METRICS = ("kappa", "macro_f1", "mae", "within_one")
+_BELOW_IDEAL = (
+    "above the raters' agreement, below the ideal grade's: a model that knows the ideal grade agrees with a rater "
+    "better than another rater does; no leak by itself"
+)
+_ABOVE_IDEAL = (
+    "above the raters' agreement and the ideal grade's: by chance, by learning how raters err, or by a leak: look for "
+    "the leak"
+)
 _FEW = 10  # patients of a split, below which its intervals are worth little
 
 
@@ -62,6 +72,8 @@ class GradeReport:
             "chosen": {model.name: {j: dict(c) for j, c in model.chosen.items()} for model in self.predicted},
             "not_run": {model.name: model.note for model in self.predicted if model.ranks is None},
             "confusion": {"grades": list(GRADES)} | {n: m.tolist() for n, m in self.confusions().items()},
+            "above_raters": [asdict(above) for above in self.above],
+            "never_known": {joint: list(names) for joint, names in self.cohort.never_known.items()},
             "leakage": {
                 "passed": self.leaks.passed,
                 "checks": [{"name": c.name, "passed": c.passed, "reasons": list(c.reasons)} for c in self.leaks.checks],
@@ -92,6 +104,10 @@ class GradeReport:
             "",
             f"train: {self._count('train')}",
         ]
+        for joint, names in self.cohort.never_known.items():
+            lines.append(
+                f"warning: {joint}: missing for every patient of train, no model learns of it: {', '.join(names)}"
+            )
         for split, rows in self.scores.items():
             lines += ["", f"{split}: {self._count(split)}", ""]
             table = [["", "kappa", "macro-F1", "MAE (ranks)", "within one", "kappa by joint"]]
@@ -100,12 +116,31 @@ class GradeReport:
                 table.append([name, *(getattr(scores, metric).words() for metric in _METRICS), by_joint])
             table += [[m.name, m.note, "", "", "", ""] for m in self.predicted if m.ranks is None]
             lines += _markdown(table)
+            lines += self._notes(split)
         lines.append("")
         for check in self.leaks.checks:
             lines.append(f"{'pass' if check.passed else 'FLAG'}  {check.name}")
             lines += [f"      {reason}" for reason in check.reasons]
         lines.append("No leak found." if self.leaks.passed else "Leakage: explain what is flagged before any score.")
         return "\n".join(lines)
+
+    @property
+    def above(self) -> tuple[Above, ...]:
+        """Where a model agrees with the target better than the second rater does; none where the target is ideal."""
+        if self.target == "ideal":
+            return ()
+        models = [model.name for model in self.predicted if model.ranks is not None]
+        return above_raters(self.scores, self.cohort.joints, models, _RATERS, _IDEAL)
+
+    def _notes(self, split: str) -> list[str]:
+        """What of a split's table needs to be explained."""
+        groups: dict[str, list[str]] = {}
+        for above in self.above:
+            if above.split == split:
+                why = _BELOW_IDEAL if above.kappa <= above.ideal else _ABOVE_IDEAL
+                values = f"{above.kappa:.3f}, raters {above.raters:.3f}, ideal {above.ideal:.3f}"
+                groups.setdefault(why, []).append(f"{above.model}, {above.joint}: {values}")
+        return [line for why, where in groups.items() for line in ("", f"note: {why}", *(f"      {w}" for w in where))]
 
     def _count(self, split: str) -> str:
         n, failed = len(self.cohort.rows(split)), self.cohort.failed[split]
@@ -163,7 +198,7 @@ def _readers(cohort: Cohort, target: str) -> dict[str, Ranks]:
     """Who else graded, under the name of the row."""
     if target == "ideal":
         return {"rater_a": cohort.grades["rater_a"], "rater_b": cohort.grades["rater_b"]}
-    return {"ceiling (rater_b)": cohort.grades["rater_b"], "ideal grade": cohort.grades["ideal"]}
+    return {_RATERS: cohort.grades["rater_b"], _IDEAL: cohort.grades["ideal"]}
 
 
 def _markdown(table: list[list[str]]) -> list[str]:

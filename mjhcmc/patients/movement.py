@@ -14,14 +14,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjhcmc.errors import MjhcmcError, MjhcmcWarning, SimulationError
+from mjhcmc.checks import is_number
+from mjhcmc.errors import MjhcmcError, MjhcmcWarning, SettingsError, SimulationError
 from mjhcmc.external_loads import ExternalLoads
+from mjhcmc.hosted.muscles import hosted_muscles
 from mjhcmc.imposed import Imposed
 from mjhcmc.leg8.table import JOINTS
 from mjhcmc.methods.hcmc_batch import hcmc_batch
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
-from mjhcmc.patients.bench import CURVES, Case
+from mjhcmc.patients.bench import CURVES, Case, fibers_of
 from mjhcmc.patients.drive import ANTAGONISTS, Drive, drive_of
 from mjhcmc.patients.record import Record
 from mjhcmc.patients.reflex import ReflexLaw, reflex_along
@@ -54,11 +56,23 @@ def move(
 
     Returns:
         A record for each, sampled every dt; one that fails names the reason.
+
+    Raises:
+        SettingsError: sequences of different lengths, patients of different muscles, a dt that is not positive.
     """
-    kind = cases[0].patient.muscle
+    kinds = {case.patient.muscle for case in cases}
+    if not (len(cases) == len(motions) and (loads is None or len(loads) == len(cases))):
+        raise SettingsError(f"{len(cases)} patients move by {len(motions)} motions: give one each, and loads for each")
+    if not cases:
+        return []
+    if len(kinds) > 1:
+        raise SettingsError(f"patients of different muscles ({', '.join(sorted(kinds))}) move in calls of their own")
+    if not (is_number(dt) and dt > 0):
+        raise SettingsError(f"dt must be a positive number of seconds; got {dt!r}")
+    kind = kinds.pop()
     drives = [drive_of(case.patient, case.trial.session) for case in cases]
     nodes = [np.asarray(m.start + dt * np.arange(int(m.duration / dt + 1e-6) + 1), dtype=np.float64) for m in motions]
-    paths = [_fibers(case.model, motion, time) for case, motion, time in zip(cases, motions, nodes, strict=True)]
+    paths = [_fibers(case, motion, time) for case, motion, time in zip(cases, motions, nodes, strict=True)]
     found: dict[int, Solution | MjhcmcError] = {}
     reflexes: dict[int, Array] = {}
     for attempt in range(PASSES):
@@ -122,19 +136,23 @@ def _whole(time: Array, motion: Motion) -> Array:
     return stretched
 
 
-def _fibers(model: MuscleModel, motion: Motion, time: Array) -> tuple[Array, Array]:
-    """Lengths and velocities (n, n_muscle) along a motion, in optimal lengths (a second), of rigid tendons."""
-    at, m = motion.sample(np.minimum(time, motion.end)), model.mj_model
+def _fibers(case: Case, motion: Motion, time: Array) -> tuple[Array, Array]:
+    """Lengths and velocities (n, n_muscle) of the muscles in use along a motion, in optimal lengths (a second).
+
+    Of Hill muscles as if their tendons were rigid.
+    """
+    at, model = motion.sample(np.minimum(time, motion.end)), case.model
+    m = model.mj_model
     d, columns = mujoco.MjData(m), m.actuator_outadr[model.muscle_ids]
-    length, speed = np.empty((len(time), model.n_muscle)), np.empty((len(time), model.n_muscle))
+    path = np.empty((len(time), model.n_muscle, 2))
     for k, (q, v) in enumerate(zip(at.qpos, at.qvel, strict=True)):
         d.qpos[:], d.qvel[:] = q, v
         mujoco.mj_fwdPosition(m, d)
         mujoco.mj_fwdVelocity(m, d)
-        length[k], speed[k] = d.actuator_length[columns], d.actuator_velocity[columns]
-    L0 = model.optimal_fiber_length
-    first, shortest = m.actuator_gainprm[model.muscle_ids, 0], m.actuator_lengthrange[model.muscle_ids, 0]
-    return first + (length - shortest) / L0, speed / L0
+        path[k, :, 0], path[k, :, 1] = d.actuator_length[columns], d.actuator_velocity[columns]
+    hill = [] if case.patient.muscle == "mujoco" else [hosted_muscles(model, CURVES, "rigid")]
+    ids, still = np.zeros(len(time), dtype=np.intp), np.zeros((len(time), model.n_muscle))
+    return fibers_of([model], hill)(ids, still, still[:, :0], path)
 
 
 def _reflex(drive: Drive, time: Array, speed: Array, before: Solution | None, model: MuscleModel) -> Array:
@@ -153,6 +171,9 @@ def _record(
 ) -> Record:  # fmt: skip
     if not isinstance(found, Solution):
         return Record.missing(case.trial, f"{case.trial.name}: {found}")
+    if case.patient.muscle == "compliant":  # now it is known how the tendons stretch
+        detail = found.detail
+        path = detail.normalized_fiber_length, detail.normalized_fiber_velocity
     joints = [case.model.dof_names.index(joint) for joint in JOINTS]
     since = found.time - found.time[0]
     qvel = np.asarray(found.qvel)[:, joints]
