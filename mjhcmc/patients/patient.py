@@ -58,7 +58,7 @@ class GroupState:
 
     Attributes:
         name: one of `groups.GROUPS`.
-        gain: of the reflex: s (excitation per lopt/s) of ``"velocity"``, 1/s per lopt/s of ``"equation1"``, excitation
+        gain: of the reflex: s (excitation per lopt/s) of ``"velocity"``, 1/lopt of ``"equation1"``, excitation
             per F0 of ``"force"``.
         threshold: of the reflex, lopt/s, or in F0 of ``"force"``.
         passive_strain: fiber strain at which passive force is F0, beside a healthy .6; the smaller the stiffer.
