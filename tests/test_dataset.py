@@ -215,7 +215,7 @@ def test_killed_at_any_moment_with_its_workers(whole, tmp_path):
     numbers.mkdir()
     size = ("--n", 20, "--seed", 7, "--shard-size", 3, "--workers", 2, "--out", out)
     process = command("pids", *size, env={**os.environ, "MJHCMC_TEST_FOLDER": str(numbers)})
-    least, until = chance.randint(0, 4), time.monotonic() + 30
+    least, until = chance.randint(0, 4), time.monotonic() + 90
     while len(list(out.glob("*/shard-*"))) < least or not list(numbers.iterdir()):
         assert time.monotonic() < until
         assert process.poll() is None, process.communicate()
@@ -239,11 +239,11 @@ def test_an_interrupt_keeps_whole_shards(whole, tmp_path):
     process = command(
         "slowly", "--n", 20, "--seed", 7, "--shard-size", 3, "--out", out, "--workers", 2, start_new_session=True
     )
-    until = time.monotonic() + 30
+    until = time.monotonic() + 90
     while not list(out.glob("*/shard-*")) and time.monotonic() < until:
         time.sleep(0.005)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
-    printed, errors = process.communicate(timeout=30)
+    printed, errors = process.communicate(timeout=90)
     assert (process.returncode, printed) == (130, "")
     assert [line for line in errors.splitlines() if line] == [
         f"mjhcmc: {out} keeps the shards that are whole: the same command goes on from there",
@@ -273,7 +273,7 @@ def test_a_shard_that_kills_its_workers_is_named(tmp_path, monkeypatch):
 def test_a_full_disk_is_told_and_resumed(whole, tmp_path):
     out = tmp_path / "data"
     process = command("disk_full", "--n", 20, "--seed", 7, "--shard-size", 3, "--out", out)
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate(timeout=90)
     assert process.returncode == 2
     assert errors.count("\n") == 1
     for word in (

@@ -72,7 +72,7 @@ def test_a_dead_address_is_named(tmp_path, monkeypatch, address):
     started = time.monotonic()
     with pytest.raises(mjhcmc.SettingsError, match=f"cluster '{address}': no dask scheduler answers there: check"):
         generate(configuration(), tmp_path / "data", cluster=address, simulate=dataset_tools.simulate)
-    assert time.monotonic() - started < 6
+    assert time.monotonic() - started < 30  # it does not wait for ever
     assert not (tmp_path / "data").exists()
 
 
