@@ -234,7 +234,7 @@ def main() -> None:
         told = "\n\n".join(f"**{title}**\n\n{part()}" for title, part in parts)
         if options.write:
             figures(Path(folder) / f"with_{len(os.sched_getaffinity(0))}", DOCUMENT.parent)
-    tables = f"{told}\n\n*Here*: {machine()}. Medians, with the quartiles of {TURNS} turns in brackets."
+    tables = f"{told}\n\n*Here*: {machine()} Medians, with the quartiles of {TURNS} turns in brackets."
     print(tables)
     if options.write:
         text = into(DOCUMENT.read_text(encoding="utf-8"), SCRIPT, tables)
