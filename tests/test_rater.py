@@ -117,7 +117,7 @@ def test_raters_without_noise_are_ideal(cohort):
 
 def test_raters_agree_as_published():
     """On limbs as they are simulated; benchmarks/patients.py has the figures of a large cohort."""
-    people = [sample_patient(0, i) for i in range(24)]
+    people = [sample_patient(0, i) for i in range(16)]
     cases = [Case(p, leg_of(p), stretch(joint, "mas", session="ideal")) for p in people for joint in TESTED]
     limbs = [
         read_resistance(r, hand_on(r.trial.joint, c.patient.height), usual_of(c.patient, r.trial.joint))
