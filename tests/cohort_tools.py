@@ -26,7 +26,7 @@ SHARES = {"train": 0.6, "validation": 0.1, "test": 0.15} | dict.fromkeys(
 )
 
 
-def make_dataset(folder: Path, n: int = 200, *, seed: int = 0, noise: float = 0.35, failed=(3,), tests=None) -> Path:
+def make_dataset(folder: Path, n: int = 200, *, seed: int = 0, noise: float = 0.55, failed=(3,), tests=None) -> Path:
     """Write a dataset; noise is the raters', in ranks; failed are patients without trials."""
     rng = np.random.default_rng(seed)
     counts = {split: int(share * n) for split, share in SHARES.items()}

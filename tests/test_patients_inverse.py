@@ -168,7 +168,7 @@ def test_the_true_moment_is_the_muscles_own(records, patients, known):
         np.testing.assert_allclose(found.true_moment, kept, atol=1e-6 * np.abs(kept).max())
 
 
-MISSES = {"hip": (0.027, 0.03, 0.2), "knee": (0.003, 0.005, 0.03), "ankle": (0.011, 0.054, 0.32)}
+MISSES = {"hip": (0.02, 0.03, 0.2), "knee": (0.003, 0.005, 0.03), "ankle": (0.011, 0.04, 0.25)}
 """Of moment, onset (s) and size, of a known leg and perfect instruments: measured, and a quarter more. Antagonists take
 some of the size; at the ankle they hide how the reflex begins."""
 
@@ -184,7 +184,7 @@ def test_a_known_leg_and_perfect_instruments_tell_moment_and_burst(known):
         assert abs(group.onset_error) < onset
         assert abs(group.peak_ratio - 1) < size
         assert abs(group.area_ratio - 1) < size
-        assert group.correlation > 0.78  # measured .83 at the ankle, in clonus
+        assert group.correlation > 0.85
         assert [score.name for score in found.muscles] == [
             name for name in MUSCLES if name in {"hip": ("iliopsoas",), "knee": ("rect_fem", "vasti")}.get(
                 found.trial.joint, ("gastroc", "soleus"))
@@ -215,7 +215,7 @@ def test_noise_is_borne(records, patients, known):
         assert found.group is not None
         assert found.group.outcome == "hit"
         assert without.moment_error < found.moment_error < 0.05
-        assert abs(found.group.onset_error) < 0.054
+        assert abs(found.group.onset_error) < 0.04
 
 
 def test_a_slow_stretch_tells_the_generic_leg_what_is_passive(records, patients):

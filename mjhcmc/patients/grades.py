@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike
 
 from mjhcmc.errors import SettingsError
 
+READERS = ("ideal", "rater_a", "rater_b")
+"""Who grades: a reader without noise, and two raters."""
+
 GRADES: tuple[str, ...] = ("0", "1", "1+", "2", "3", "4")
 """The scale's grades in their order."""
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjhcmc.patients.grades import GRADES, weighted_kappa
+from mjhcmc.patients.grades import GRADES, READERS, weighted_kappa
 from mjhcmc.patients.groups import TESTED
-from mjhcmc.patients.show import READERS, stand_under_each_other
+from mjhcmc.patients.show import stand_under_each_other
 from mjhcmc.patients.stored import open_manifest, read_table, shards_in
 from mjhcmc.patients.trials import stretch
 

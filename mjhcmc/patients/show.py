@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mjhcmc.errors import OutputError, SettingsError
 from mjhcmc.leg8.table import JOINTS, MUSCLES
 from mjhcmc.patients.configuration import Configuration, whole_number
+from mjhcmc.patients.grades import READERS
 from mjhcmc.patients.groups import TESTED
 from mjhcmc.patients.patient import Patient
 from mjhcmc.patients.record import Record
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Row = dict[str, Any]
 
-READERS = ("ideal", "rater_a", "rater_b")
 _NOT_LATENT = ("sex", "height", "body_mass", "seed")
 _HIDDEN = {"excitation": "excitation", "reflex": "reflex", "activation": "activation", "fiber_length": "fiber_length",
            "fiber_velocity": "fiber_velocity", "muscle_force": "force"}  # fmt: skip

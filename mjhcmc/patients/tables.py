@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from mjhcmc.leg8.table import JOINTS, MUSCLES
+from mjhcmc.patients.grades import READERS
 from mjhcmc.patients.groups import TESTED
 from mjhcmc.patients.patient import Patient
 from mjhcmc.patients.record import Record
@@ -16,7 +17,6 @@ from mjhcmc.patients.sensors import EMG_MUSCLES, Observation
 if TYPE_CHECKING:
     from mjhcmc.patients.configuration import Configuration
 
-_RATERS = ("ideal", "rater_a", "rater_b")
 _TRACE = [("generator", pa.string()), ("configuration", pa.string()), ("seed", pa.int64())]
 _SAMPLE = [("patient", pa.int64()), ("trial", pa.int16()), ("time", pa.float32())]
 _READINGS = ("catch_angle", "resistance", "range_affected", "range_lost")
@@ -81,7 +81,7 @@ class Block:
         }  # fmt: skip
         for joint in TESTED:
             of_joint = grades.get(joint, {})
-            for rater in _RATERS:
+            for rater in READERS:
                 row[f"{rater}/{joint}"] = of_joint.get(rater)
                 row[f"{rater}_rank/{joint}"] = of_joint.get(f"{rater}_rank")
             reading = of_joint.get("reading")
@@ -152,7 +152,7 @@ def _outcome(record: Record) -> dict[str, str]:
 
 def _patient_schema(rows: list[dict[str, Any]]) -> pa.Schema:
     """Of the table of patients: the same whatever is missing in these."""
-    words = {"split", "status", "reason", "sex", *(f"{rater}/{joint}" for rater in _RATERS for joint in TESTED)}
+    words = {"split", "status", "reason", "sex", *(f"{rater}/{joint}" for rater in READERS for joint in TESTED)}
 
     def kind(name: str, value: Any) -> pa.DataType:
         if name in words or isinstance(value, str):

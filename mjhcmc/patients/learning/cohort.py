@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.errors import OutputError, SettingsError
+from mjhcmc.patients.grades import READERS
 from mjhcmc.patients.learning.features import READS, TrialRow, describe, feature_names
 from mjhcmc.patients.learning.read import (
     HELD_OUT,
@@ -30,9 +31,6 @@ from mjhcmc.patients.learning.scores import MISSING, N_GRADE
 
 Array = NDArray[np.float64]
 Ranks = NDArray[np.int64]
-
-READERS = ("ideal", "rater_a", "rater_b")
-"""Who graded."""
 
 PROTOCOL = ("trials", "missing", "duration_s", "rate_hz", "speed_deg_s")
 """What is known of how a joint was tested, without a look at the signals."""

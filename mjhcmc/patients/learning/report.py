@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjhcmc.errors import SettingsError
+from mjhcmc.patients.grades import GRADES
 from mjhcmc.patients.learning.baseline import MODELS, Predicted, grade
 from mjhcmc.patients.learning.cohort import Cohort, Ranks, check_grades, load_cohort
 from mjhcmc.patients.learning.features import READS
@@ -20,7 +21,6 @@ from mjhcmc.patients.learning.scores import Scores, confusion, evaluate
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-GRADES = ("0", "1", "1+", "2", "3", "4")
 """The modified Ashworth scale, by rank."""
 
 _RATERS, _IDEAL = "ceiling (rater_b)", "ideal grade"
