@@ -1,0 +1,1 @@
+"""Derivatives of solutions: through every window's step and through the allocation, exact at fixed active sets."""
