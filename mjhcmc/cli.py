@@ -17,6 +17,7 @@ import click
 from mjhcmc import __version__
 from mjhcmc.cli_compare import compare_muscles
 from mjhcmc.cli_emg import emg_command
+from mjhcmc.cli_engines import engines
 from mjhcmc.cli_patients import patients
 from mjhcmc.cli_solve import solve
 from mjhcmc.cli_support import (
@@ -47,6 +48,7 @@ def cli() -> None:
 cli.add_command(solve)
 cli.add_command(compare_muscles)
 cli.add_command(emg_command)
+cli.add_command(engines)
 cli.add_command(patients)
 
 

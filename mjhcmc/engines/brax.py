@@ -1,0 +1,95 @@
+"""Brax (Freeman et al. 2021, arXiv:2106.13281): its generalized pipeline in JAX, in double precision.
+
+Its reader wants a joint on every body: welded ones are fused before. It computes in single precision unless JAX is told
+otherwise, which is done here for its calls only.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from mjhcmc.engines.base import Array, Dynamics, Engine, windows_and_steps
+from mjhcmc.engines.legs import bodies_spec
+
+
+class BraxDynamics:
+    """A brax System, and compiled functions of it."""
+
+    def __init__(self, model: Any) -> None:
+        import jax
+        from brax.generalized import dynamics, pipeline
+        from brax.io import mjcf
+
+        self.jax = jax
+        with jax.enable_x64(True), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that Brax's pipelines are no longer developed: docs/engines.md says so
+            self.system = mjcf.load_model(_as_brax_reads(model))
+
+            def everything(sys: Any, q: Any, v: Any, a: Any) -> Any:
+                state = pipeline.init(sys, q, v)
+                bias = dynamics.inverse(sys, state)
+                return state.mass_mx, bias, state.mass_mx @ a + bias
+
+            self._everything = jax.jit(everything)
+
+            def run(sys: Any, q: Any, v: Any, torques: Any, count: Any) -> Any:
+                def window(state: Any, torque: Any) -> Any:
+                    state = jax.lax.fori_loop(0, count, lambda _, s: pipeline.step(sys, s, torque), state)
+                    return state, state.q
+
+                return jax.lax.scan(window, pipeline.init(sys, q, v), torques)[1]
+
+            self._run = jax.jit(run)
+
+    def mass_matrix(self, q: Array) -> Array:
+        """M, of the pipeline's state."""
+        return self._at(q, 0 * q, 0 * q)[0]
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """By brax.generalized.dynamics.inverse, which takes no acceleration."""
+        return self._at(q, v, 0 * q)[1]
+
+    def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
+        """Brax's mass matrix times a, and its bias."""
+        return self._at(q, v, a)[2]
+
+    def simulate(self, q: Array, v: Array, torques: Array, dt: float, step: float) -> Array:
+        """By pipeline.step: semi-implicit Euler."""
+        with self.jax.enable_x64(True):
+            system = self.system.tree_replace({"opt.timestep": np.float64(step)})
+            nodes = self._run(system, q, v, torques, windows_and_steps(dt, step))
+            return np.vstack([q, np.array(nodes)])
+
+    def _at(self, q: Array, v: Array, a: Array) -> tuple[Array, ...]:
+        with self.jax.enable_x64(True):
+            return tuple(np.array(value) for value in self._everything(self.system, q, v, a))
+
+
+def _as_brax_reads(model: Any) -> Any:
+    """The same with welded bodies fused, a motor on each hinge, Euler's method, and something to see."""
+    import mujoco
+
+    spec = bodies_spec(model)
+    spec.compiler.fusestatic = True
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER  # a model that names another is refused
+    # so is, by an IndexError, a model without geoms
+    spec.worldbody.add_geom(size=[0.01, 0, 0], type=mujoco.mjtGeom.mjGEOM_SPHERE, contype=0, conaffinity=0)
+    for joint in spec.joints:
+        motor = spec.add_actuator(name=f"{joint.name}_torque", target=joint.name)
+        motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        motor.set_to_motor()
+    return spec.compile()
+
+
+def load(model: Any) -> Dynamics:
+    """The MjModel, welded bodies fused."""
+    return BraxDynamics(model)
+
+
+ENGINE = Engine(
+    "Brax", "brax", "brax", "brax>=0.14.2", integrator="semi-implicit Euler of its generalized pipeline",
+    reads="MjModel", load=load,
+)  # fmt: skip
