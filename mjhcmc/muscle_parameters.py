@@ -107,7 +107,7 @@ def parameter_fields(model: MuscleModel, values: Mapping[str, ArrayLike]) -> dic
         fields[name][:, i, 2] = new[FORCE]
     fields["actuator_dynprm"][:, i, 0], fields["actuator_dynprm"][:, i, 1] = new[RISE], new[FALL]
     factor = (new[FORCE] / now[FORCE]) * (now[FIBER] / new[FIBER])
-    fields |= {name: value for name, value in _damping(model, factor)}
+    fields |= dict(_damping(model, factor))
     return fields
 
 
@@ -203,6 +203,8 @@ def muscle_force(model: MuscleModel, length: Array, velocity: Array) -> MuscleFo
     fv, fv_slope = velocity_shape(V, p[_FVMAX])
     fp, fp_slope = passive_shape(L, p[_LMAX], p[_FPMAX])
     by_length, by_slack = -L / L0, -1.0 / L0
-    gain_slopes = np.stack([fl * fv, F0 * (fl_slope * by_length * fv - fl * fv_slope * V / L0), F0 * fl_slope * by_slack * fv])
+    gain_slopes = np.stack(
+        [fl * fv, F0 * (fl_slope * by_length * fv - fl * fv_slope * V / L0), F0 * fl_slope * by_slack * fv]
+    )
     bias_slopes = np.stack([fp, F0 * fp_slope * by_length, F0 * fp_slope * by_slack])
     return MuscleForce(F0 * fl * fv, F0 * fp, gain_slopes, bias_slopes)

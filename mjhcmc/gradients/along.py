@@ -126,13 +126,13 @@ def stages_along(
             at = now if not rates else _along(now, way * step, rates[-1])
             kept.append(at)
             rates.append((at.qvel, looker.look(at).qacc, _activation_rate(at.activation, excitation, prm)))
-        mean = [sum(w * r[i] for w, r in zip(_WEIGHTS, rates, strict=True)) for i in range(3)]
-        now = _along(now, step, (mean[0], mean[1], mean[2]))
+        qvel, qacc, rate = (np.tensordot(_WEIGHTS, np.stack(part), axes=1) for part in zip(*rates, strict=True))
+        now = _along(now, step, (qvel, qacc, rate))
     off = float(np.abs(now.qpos - qpos_end).max())
     if not off <= _REPLAYED:
         raise SimulationError(
-            f"the windows of model {model.name!r} do not end where the solution says (off by {off:.2g} rad or m): solve "
-            "with the model and settings that the gradient is asked for"
+            f"the windows of model {model.name!r} do not end where the solution says (off by {off:.2g} rad or m): "
+            "solve with the model and settings that the gradient is asked for"
         )
     shape = (len(nodes.qpos), n_step, 4)
 
@@ -185,7 +185,7 @@ def _answers(
     first = len(wanted.kinds) * n
     if wanted.models:
         Jp[:, :, first : first + len(wanted.models)] = by_model
-    return Ja, inverse, Jp
+    return Ja, np.asarray(inverse, dtype=np.float64), Jp
 
 
 def damping_of(model: MuscleModel, seen: Look) -> Array:

@@ -127,9 +127,8 @@ class Looker:
             )
         model = self.model
         M, R = np.empty((k, model.nv, model.nv)), np.empty((k, model.n_muscle, model.nv))
-        fill_nodes(
-            bound.M[:k], *bound.M_index, *(part[:k] for part in bound.moment), bound.muscles, M, R
-        )  # fmt: skip
+        arm, rownnz, rowadr, colind = (part[:k] for part in bound.moment)
+        fill_nodes(bound.M[:k], *bound.M_index, arm, rownnz, rowadr, colind, bound.muscles, M, R)
         length, velocity = bound.actuator_length[:k][:, bound.muscles], bound.actuator_velocity[:k][:, bound.muscles]
         return Look(bound.qacc[:k].copy(), M, R, length, velocity, bound.ten_velocity[:k].copy())
 
