@@ -80,7 +80,8 @@ def many(solutions: Sequence[mjhcmc.Solution], threads: int) -> Callable[[], Non
 
 def _model(solution: mjhcmc.Solution) -> tuple[mujoco.MjModel, int]:
     """What is stepped, and the physics steps of a window."""
-    plant = mjhcmc.MujocoPlant(_muscles(solution), solution.settings["physics_dt"])
+    step = solution.settings["physics_dt"]
+    plant = mjhcmc.MujocoPlant(_muscles(solution), step, integrator=solution.integrator)
     return plant.mj_model, round(solution.dt / plant.physics_dt)
 
 

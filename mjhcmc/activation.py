@@ -1,7 +1,8 @@
-"""Excitation and activation over one control window: the plant's RK4 map and its inverse.
+"""Excitation and activation over one control window: the plant's map and its inverse.
 
 The activation dynamics are those of Thelen (2003), doi 10.1115/1.1531112, as MuJoCo has them, with Millard's
-smoothing (``tausmooth``). The map composes MuJoCo's RK4 steps, so it is the plant's own to rounding error.
+smoothing (``tausmooth``). The map composes MuJoCo's steps, RK4's four stages or a single Euler step (which all other
+integrators take, see `integrators`), so it is the plant's own to rounding error.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.errors import SettingsError
+from mjhcmc.integrators import scheme_of
 
 _MIN = 1e-15  # mjMINVAL
 _ITERATIONS = 200
@@ -37,8 +39,14 @@ def rate_of(a: float, u: float, act: float, deact: float, smooth: float) -> floa
 
 
 @numba.njit(cache=True, error_model="numpy")
-def advance_one(a: float, u: float, act: float, deact: float, smooth: float, h: float, n: int) -> float:
-    """Activation after n RK4 steps of length h under constant excitation."""
+def advance_one(
+    a: float, u: float, act: float, deact: float, smooth: float, h: float, n: int, euler: bool = False
+) -> float:
+    """Activation after n RK4 (or Euler) steps of length h under constant excitation."""
+    if euler:
+        for _ in range(n):
+            a += h * rate_of(a, u, act, deact, smooth)
+        return a
     for _ in range(n):
         k1 = rate_of(a, u, act, deact, smooth)
         k2 = rate_of(a + 0.5 * h * k1, u, act, deact, smooth)
@@ -62,6 +70,7 @@ def invert_one(
     h: float,
     n: int,
     close: float,
+    euler: bool,
 ) -> float:
     """The excitation in [low, high] whose window ends nearest to the target activation.
 
@@ -86,7 +95,7 @@ def invert_one(
         u = (low * f_high - high * f_low) / (f_high - f_low)
         if not low < u < high or i % 16 == 15:  # guard against a stalled secant
             u = 0.5 * (low + high)
-        f = advance_one(a, u, act, deact, smooth, h, n) - target
+        f = advance_one(a, u, act, deact, smooth, h, n, euler) - target
         if abs(f) < close or high - low < _CLOSE:
             return u
         if f < 0.0:
@@ -103,18 +112,18 @@ def invert_one(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _advance_all(a, u, prm, h, n, out):  # type: ignore[no-untyped-def]
+def _advance_all(a, u, prm, h, n, euler, out):  # type: ignore[no-untyped-def]
     for i in range(a.size):
-        out[i] = advance_one(a[i], u[i], prm[i, 0], prm[i, 1], prm[i, 2], h, n)
+        out[i] = advance_one(a[i], u[i], prm[i, 0], prm[i, 1], prm[i, 2], h, n, euler)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _invert_all(a, target, low, high, prm, h, n, out):  # type: ignore[no-untyped-def]
+def _invert_all(a, target, low, high, prm, h, n, euler, out):  # type: ignore[no-untyped-def]
     for i in range(a.size):
         act, deact, smooth = prm[i]
-        a_low = advance_one(a[i], low[i], act, deact, smooth, h, n)
-        a_high = advance_one(a[i], high[i], act, deact, smooth, h, n)
-        out[i] = invert_one(a[i], target[i], low[i], high[i], a_low, a_high, act, deact, smooth, h, n, _CLOSE)
+        a_low = advance_one(a[i], low[i], act, deact, smooth, h, n, euler)
+        a_high = advance_one(a[i], high[i], act, deact, smooth, h, n, euler)
+        out[i] = invert_one(a[i], target[i], low[i], high[i], a_low, a_high, act, deact, smooth, h, n, _CLOSE, euler)
 
 
 def activation_after(
@@ -123,11 +132,12 @@ def activation_after(
     parameters: NDArray[np.float64],
     step: float,
     n_step: int,
+    integrator: str = "rk4",
 ) -> NDArray[np.float64]:
     """Activation at the end of a window under constant excitation.
 
     a' = (u - a)/tau(a, u), tau = tau_act (.5 + 1.5 a) where u > a, else tau_deact/(.5 + 1.5 a), integrated by
-    n_step classical Runge-Kutta steps, as `mujoco.mj_step` does.
+    n_step classical Runge-Kutta steps, or Euler steps under any other integrator, as `mujoco.mj_step` does.
 
     Args:
         activation: (n_muscle,) at the start of the window.
@@ -135,16 +145,17 @@ def activation_after(
         parameters: (n_muscle, 3) tau_act s, tau_deact s, smoothing width.
         step: s, length of a physics step.
         n_step: physics steps in the window.
+        integrator: of the plant, see `integrators`.
 
     Returns:
         (n_muscle,) activation at the end.
 
     Raises:
-        SettingsError: arrays of different lengths, a step that is not positive, or no step.
+        SettingsError: arrays of different lengths, a step that is not positive, no step, or an unknown integrator.
     """
     a, u, prm = _arrays(activation, excitation, parameters, step, n_step)
     out = np.empty_like(a)
-    _advance_all(a, u, prm, step, n_step, out)
+    _advance_all(a, u, prm, step, n_step, scheme_of(integrator).first_order, out)
     return out
 
 
@@ -155,6 +166,7 @@ def excitation_for(
     step: float,
     n_step: int,
     excitation_range: NDArray[np.float64] | None = None,
+    integrator: str = "rk4",
 ) -> NDArray[np.float64]:
     """The excitation whose window ends at the target activation: the inverse of `activation_after`.
 
@@ -165,6 +177,7 @@ def excitation_for(
         step: s, length of a physics step.
         n_step: physics steps in the window.
         excitation_range: (n_muscle, 2) lowest and highest excitation; 0 and 1 by default.
+        integrator: as `activation_after`.
 
     Returns:
         (n_muscle,) excitation within its range.
@@ -176,7 +189,7 @@ def excitation_for(
     limits = np.tile([0.0, 1.0], (a.size, 1)) if excitation_range is None else np.asarray(excitation_range)
     out = np.empty_like(a)
     low, high = np.ascontiguousarray(limits.T, dtype=float)  # one layout, however many: compiled once
-    _invert_all(a, goal, low, high, prm, step, n_step, out)
+    _invert_all(a, goal, low, high, prm, step, n_step, scheme_of(integrator).first_order, out)
     return out
 
 

@@ -55,6 +55,9 @@ _MODEL = "leg8"
 @click.option("--method", default="hcmc", show_default=True, help=f"One of: {', '.join(METHODS)}.")
 @click.option("--dt", default=0.01, show_default=True, help="Control window, s: excitation is constant over it.")
 @click.option("--physics-dt", default=0.001, show_default=True, help="Largest physics step, s.")
+@click.option(
+    "--integrator", default="rk4", show_default=True, metavar="NAME", help="rk4, euler, implicit or implicitfast.",
+)  # fmt: skip
 @click.option("--lowpass", type=float, metavar="HZ", help="Zero-phase low-pass filter of the angles.")
 @click.option("--resample", type=float, metavar="HZ", help="Put the motion on an even grid of that many rows a second.")
 @click.option("--start", type=float, metavar="S", help="Begin here, on the file's clock.")
@@ -97,6 +100,7 @@ def solve(
     method: str,
     dt: float,
     physics_dt: float,
+    integrator: str,
     lowpass: float | None,
     resample: float | None,
     start: float | None,
@@ -130,10 +134,12 @@ def solve(
     Writes DIR/solution.parquet, DIR/verdict.json and the figures (with --osim the model, too); of several motions, into
     a folder each in DIR.
     """
+    from mjhcmc.integrators import scheme_of
     from mjhcmc.muscle_choice import check_muscle, plant_for
 
     find_method(method)
     check_muscle(muscle, curves)
+    scheme_of(integrator)
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)
     click.get_current_context().with_resource(told(verbose))
@@ -153,7 +159,9 @@ def solve(
         _tell([*motion.notices, *([noise] if noise else [])], motion.name if len(read) > 1 else "")
     if resample is not None:
         read = [motion.resampled(resample) for motion in read]
-    options: dict[str, Any] = {"dt": dt, "physics_dt": physics_dt, "solver": solver, "disabled": disable}
+    options: dict[str, Any] = {
+        "dt": dt, "physics_dt": physics_dt, "integrator": integrator, "solver": solver, "disabled": disable,
+    }  # fmt: skip
     chosen = {"cost": cost, "smoothness": smoothness, "min_activation": min_activation}
     options |= {name: value for name, value in chosen.items() if value is not None}
     options["plant"] = plant_for(muscle_model, muscle, dt, physics_dt, curves)

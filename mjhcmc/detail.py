@@ -180,7 +180,7 @@ def _put_at_node(plant: MujocoPlant, solution: Solution, k: int) -> None:
     # a plant that knows its surroundings adds by itself what acts from outside
     load = solution.external_load[k] if plant.surroundings.empty else 0.0
     plant.set_input(None, solution.reserve[min(k, solution.n_window - 1)] + load)
-    plant.forward()
+    plant.forward_as_stepped()
 
 
 def _gear(plant: MujocoPlant) -> NDArray[np.float64]:

@@ -60,6 +60,8 @@ class Linearization(NamedTuple):
         D: (b, nv, nv) N m s, -dF/dv of all smooth forces at fixed activation.
         K: (b, nv, nv) N m, -dF/dq likewise; None where it was not asked for.
         held: (b,) True where a joint is at its limit, or a contact is near.
+        inertia: (b, nv, nv) kg m^2, M + s D_s of `integrators`; None: M.
+        explicit: (b, nv, nv) N m s, what of D bounds the physics step, see `Scheme.explicit`; None: D.
     """
 
     qacc: Array
@@ -70,6 +72,8 @@ class Linearization(NamedTuple):
     D: Array
     K: Array | None
     held: NDArray[np.bool_]
+    inertia: Array | None = None
+    explicit: Array | None = None
 
     def of(self, which: NDArray[np.bool_]) -> Linearization:
         """That of some of the simulations."""

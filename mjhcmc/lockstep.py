@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from mjhcmc.beside import FEW, Beside
 from mjhcmc.dynamics import POSITION_STEP, VELOCITY_STEP, NodeForces, fiber_damping, forces_from
+from mjhcmc.integrators import Scheme, scheme_of
 from mjhcmc.linearization import (
     Array,
     Bound,
@@ -75,8 +76,10 @@ class Plants(Protocol):
         count: simulations in all.
         physics_dt: s, length of a physics step.
         layout: of the state rows.
+        scheme: what integrates them.
     """
 
+    scheme: Scheme
     count: int
     physics_dt: float
     layout: Layout
@@ -88,7 +91,10 @@ class Plants(Protocol):
         """The state rows after n_step steps of ``times`` physics_dt under constant inputs; NaN where MuJoCo fails."""
 
     def acceleration(self, ids: Ids, rows: Array, reserve: Array) -> Array:
-        """(b, nv) at states under reserves (b, nv) N m; NaN where MuJoCo fails."""
+        """(b, nv) that steps from states begin with, under reserves (b, nv) N m; NaN where MuJoCo fails.
+
+        Under integrators of first order the acceleration of the whole step, else that at the state.
+        """
 
     def linearize(
         self, ids: Ids, rows: Array, reserve: Array, *, stiffness: bool = False, damping: bool = False
@@ -111,14 +117,20 @@ class Lockstep:
         surroundings: what acts from outside and what leads them, one a simulation; forces are held over each physics
             step at their value in its middle.
         threads: threads to step on, the caller's among them.
+        integrator: of all of them, see `integrators`.
     """
 
     _probed: tuple[str, ...] = _PROBED
 
     def __init__(
-        self, models: Sequence[MuscleModel], physics_dt: float, surroundings: Sequence[Surroundings], threads: int = 1
+        self,
+        models: Sequence[MuscleModel],
+        physics_dt: float,
+        surroundings: Sequence[Surroundings],
+        threads: int = 1,
+        integrator: str = "rk4",
     ) -> None:
-        self.count, self.physics_dt = len(models), physics_dt
+        self.count, self.physics_dt, self.scheme = len(models), physics_dt, scheme_of(integrator)
         self._models, self._surroundings, self._threads = models, surroundings, threads
         self._differ = any(model is not models[0] for model in models)
         self._nodes: tuple[Batch, Bound] | None = None
@@ -171,7 +183,7 @@ class Lockstep:
             m = heavy(copy.copy(model.mj_model), self._heavy)
             if never_touches(m):  # looking for contacts is a sixth of a leg's step
                 m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-            m.opt.timestep = times * self.physics_dt
+            m.opt.timestep, m.opt.integrator = times * self.physics_dt, self.scheme.code
             self._last = id(model), times, m
         return self._last[2]
 
@@ -241,8 +253,12 @@ class Lockstep:
     def acceleration(self, ids: Ids, rows: Array, reserve: Array) -> Array:
         """See `Plants`."""
         batch, where = self._batches[1.0], self._where(ids)
-        under, failed = self._under(ids, rows, reserve)
+        under, failed = self._under(ids, rows, reserve, self.physics_dt if self.scheme.first_order else 0.0)
         batch.state[where] = under
+        if self.scheme.first_order:
+            failed |= self._call(batch, batch.step, ids)
+            change = batch.state[where][:, self.layout.qvel] - under[:, self.layout.qvel]
+            return without(failed, ids, change / self.physics_dt)
         failed |= self._call(batch, batch.forward, ids)
         return without(failed, ids, self._qacc[where].copy())
 
@@ -354,6 +370,10 @@ class Lockstep:
             batch.set_models(self._stepped(model, 1.0))
         start, load = self._surround_nodes(i, batch, rows, reserve)
         batch.state[:] = start
+        if self.scheme.implicit:  # forces are those that move the model, see `MujocoPlant.forward_as_stepped`
+            batch.step()
+            start[:, self.layout.qvel] = batch.state[:, self.layout.qvel]
+            batch.state[:] = start
         batch.forward()
         M, R = np.empty((k, model.nv, model.nv)), np.empty((k, model.n_muscle, model.nv))
         fill_nodes(bound.M, *bound.M_index, *bound.moment, bound.muscles, M, R)
@@ -399,19 +419,19 @@ class Lockstep:
             return {int(i) for i in error.ids}
         return set()
 
-    def _under(self, ids: Ids, rows: Array, reserve: Array) -> tuple[Array, set[int]]:
-        """The rows with reserves, and what acts from outside at their times; and the simulations that fail there."""
+    def _under(self, ids: Ids, rows: Array, reserve: Array, step: float = 0.0) -> tuple[Array, set[int]]:
+        """The rows with reserves, and what acts from outside in the middle of a step; and the simulations that fail."""
         start, failed = rows.copy(), set[int]()
         start[:, self._applied] = reserve
         if self._outside is not None:
-            plan = self._outside.plan(ids, rows[:, self.layout.time], 0.0, 1)
+            plan = self._outside.plan(ids, rows[:, self.layout.time], step, 1)
             self._outside.lead(start, plan, 0)
             start[:, self._applied] += plan.force[:, 0]
             if self._outside.on_bodies:
                 batch, where = self._batches[1.0], self._where(ids)
                 batch.state[where] = start[:, : batch.state.shape[1]]
                 failed = self._call(batch, batch.forward, ids, _VELOCITIES)
-                self._outside.push(ids, ids, start, plan, 0, 0.0, self._seen(batch))
+                self._outside.push(ids, ids, start, plan, 0, step / 2, self._seen(batch))
         return start, failed
 
     def _seen(self, batch: Batch) -> Kinematics:

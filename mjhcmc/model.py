@@ -51,7 +51,7 @@ class MuscleModel:
 
     Attributes:
         name: the model's name.
-        mj_model: the compiled model (a private copy; its integrator is RK4).
+        mj_model: the compiled model (a private copy; its integrator is RK4, whatever the plant's, see `integrators`).
         joint_names: (nq,) names of the coordinates, in the order of qpos: a hinge or slide has its joint's name, a ball
             JOINT_qw, _qx, _qy, _qz (a unit quaternion), a free joint JOINT_tx, _ty, _tz before those.
         joint_is_rotation: (nq,) True for hinges (rad), False for slides (m) and parts of quaternions.
@@ -211,7 +211,8 @@ class MuscleModel:
                 ``mujoco.MjSpec`` or a ``mujoco.MjModel``. What is handed in is never changed.
 
         Returns:
-            The model, stepped by RK4; a model that names another integrator gives an `MjhcmcWarning`.
+            The model, stepped by RK4 unless a method is told otherwise (``integrator``); a model that names another
+            integrator gives an `MjhcmcWarning`.
 
         Raises:
             ModelError: the file cannot be read, or the model has no muscle, or something that the methods cannot follow
@@ -225,8 +226,10 @@ class MuscleModel:
             more = f" (and {len(problems) - 1} more: mjhcmc check MODEL lists them)" if len(problems) > 1 else ""
             raise ModelError(problems[0].message(name) + more)
         if m.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
+            named = engine_integrator(m)
             warnings.warn(
-                f"model {name!r} names the integrator {engine_integrator(m)}; mjhcmc steps a copy of it by RK4",
+                f"model {name!r} names the integrator {named}; mjhcmc steps a copy of it by RK4: solve with "
+                f"integrator={named.lower()!r} to have it stepped as it says",
                 MjhcmcWarning,
                 stacklevel=2,
             )

@@ -24,7 +24,7 @@ class OneByOne:
 
     def __init__(self, plants: Sequence[MujocoPlant]) -> None:
         self._plants = plants
-        self.count, self.physics_dt = len(plants), plants[0].physics_dt
+        self.count, self.physics_dt, self.scheme = len(plants), plants[0].physics_dt, plants[0].scheme
         model = plants[0].model
         ends = np.cumsum([1, model.nq, model.nv, model.n_muscle, model.nv])
         self.layout = Layout(0, *(slice(int(a), int(b)) for a, b in pairwise(ends)))
@@ -49,7 +49,11 @@ class OneByOne:
 
     def acceleration(self, ids: Ids, rows: Array, reserve: Array) -> Array:
         """See `Plants`."""
-        return np.array([self._put(i, row, s) for i, row, s in zip(ids, rows, reserve, strict=True)])
+        found = []
+        for i, row, s in zip(ids, rows, reserve, strict=True):
+            self._set(i, row, s)
+            found.append(self._plants[i].step_acceleration())
+        return np.array(found)
 
     def linearize(
         self, ids: Ids, rows: Array, reserve: Array, *, stiffness: bool = False, damping: bool = False
@@ -79,7 +83,8 @@ class OneByOne:
         """See `Plants`."""
         found = []
         for row, s in zip(rows, reserve, strict=True):
-            self._put(i, row, s)
+            self._set(i, row, s)
+            self._plants[i].forward_as_stepped()
             found.append(dynamics.node_forces(self._plants[i]))
         return dynamics.stacked(found)
 
@@ -92,11 +97,13 @@ class OneByOne:
         q = plant.mj_data.qpos[self._limited]
         return bool(((q < self._limits[:, 0] + NEAR) | (q > self._limits[:, 1] - NEAR)).any())
 
+    def _set(self, i: int, row: Array, reserve: Array) -> None:
+        self._plants[i].set_state(self.layout.state(row))
+        self._plants[i].set_input(None, reserve)
+
     def _put(self, i: int, row: Array, reserve: Array) -> Array:
-        plant = self._plants[i]
-        plant.set_state(self.layout.state(row))
-        plant.set_input(None, reserve)
-        return plant.forward().copy()
+        self._set(i, row, reserve)
+        return self._plants[i].forward().copy()
 
 
 def _row(state: State) -> Array:

@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 from mjhcmc.activation import activation_after, excitation_for
 from mjhcmc.clamps import activation_cap
 from mjhcmc.errors import SettingsError
+from mjhcmc.integrators import RK4_LIMIT as RK4_LIMIT
+from mjhcmc.integrators import scheme_of
 from mjhcmc.model import MuscleModel
 from mjhcmc.surroundings import HEAVY, Columns, External, Kinematics, Outside, Plan, Surroundings, heavy
 
 if TYPE_CHECKING:
     from mjhcmc.hosted.muscles import HostedMuscles
-
-RK4_LIMIT = 2.78
-"""Largest step times decay rate at which classical Runge-Kutta is stable (2.785 on the real axis)."""
 
 
 def physics_steps(dt: float, physics_dt: float) -> int:
@@ -71,16 +70,21 @@ class Outlook:
 
 
 class MujocoPlant:
-    """A muscle-driven MuJoCo model, stepped by RK4 under constant excitation and reserves.
+    """A muscle-driven MuJoCo model, stepped under constant excitation and reserves.
 
     Args:
         model: the model.
         physics_dt: s, length of a physics step.
         external: generalized forces from outside; held over each physics step at their value in its middle.
         surroundings: all that acts from outside, and what leads the model's prescribed joints; or give external.
+        integrator: ``"rk4"``, ``"euler"``, ``"implicit"`` or ``"implicitfast"``; see `integrators`.
+
+    Attributes:
+        scheme: the integrator.
 
     Raises:
-        SettingsError: physics_dt is not a positive number, or external and surroundings are both given.
+        SettingsError: physics_dt is not a positive number, external and surroundings are both given, or the integrator
+            is not known.
     """
 
     hosted: HostedMuscles | None = None
@@ -93,7 +97,9 @@ class MujocoPlant:
         external: External | None = None,
         *,
         surroundings: Surroundings | None = None,
+        integrator: str = "rk4",
     ) -> None:
+        self.scheme = scheme_of(integrator)
         if not (math.isfinite(physics_dt) and physics_dt > 0):
             raise SettingsError(f"physics_dt must be positive, in seconds; got {physics_dt}")
         if surroundings is not None and external is not None:
@@ -104,6 +110,7 @@ class MujocoPlant:
         self._heavy = model.roles.prescribed if led else np.empty(0, dtype=np.intp)
         self.mj_model = heavy(copy.deepcopy(model.mj_model), self._heavy)
         self.mj_model.opt.timestep = physics_dt
+        self.mj_model.opt.integrator = self.scheme.code
         self.mj_data = mujoco.MjData(self.mj_model)
         self.physics_dt = physics_dt
         self._reserve = np.zeros(model.nv)
@@ -117,7 +124,7 @@ class MujocoPlant:
 
     def at(self, physics_dt: float, surroundings: Surroundings) -> MujocoPlant:
         """One like it with another physics step, s, and surroundings."""
-        return MujocoPlant(self.model, physics_dt, surroundings=surroundings)
+        return MujocoPlant(self.model, physics_dt, surroundings=surroundings, integrator=self.scheme.name)
 
     def check_motion(self, name: str, time: NDArray[np.float64], qpos: NDArray[np.float64]) -> None:
         """Refuse a motion that the muscles have no force along; MuJoCo's have one at any length."""
@@ -196,6 +203,39 @@ class MujocoPlant:
         mujoco.mj_forward(self.mj_model, self.mj_data)
         qacc: NDArray[np.float64] = self.mj_data.qacc
         return qacc
+
+    def step_acceleration(self) -> NDArray[np.float64]:
+        """(nv,) rad/s^2 or m/s^2: change of velocity over the next step, per second of it; the state is unchanged.
+
+        Under RK4, which takes several, the acceleration at the state.
+        """
+        if not self.scheme.first_order:
+            return self.forward().copy()
+        m, d, state, step = self.mj_model, self.mj_data, self.get_state(), self.physics_dt
+        others = d.act.copy()
+        if self._outside is not None:
+            plan = self._outside.plan(np.zeros(1, dtype=np.intp), np.array([d.time]), step, 1)
+            self._surround(self._outside, plan, 0, step / 2, fresh=True)
+        before = d.qvel.copy()
+        mujoco.mj_step(m, d)
+        change: NDArray[np.float64] = d.qvel - before
+        d.act[:] = others
+        self.set_state(state)
+        return change / step
+
+    def forward_as_stepped(self) -> None:
+        """As `forward`, with forces as the integrator takes them; the state is unchanged.
+
+        Implicit integrators take them at the velocity that the next step ends with (see `integrators`). Where muscles
+        are stiff, those at the state itself are not what moves the model.
+        """
+        if not self.scheme.implicit:
+            self.forward()
+            return
+        held = self.mj_data.qvel.copy()
+        self.mj_data.qvel[:] = held + self.physics_dt * self.step_acceleration()
+        self.forward()
+        self.mj_data.qvel[:] = held
 
     def plan_here(self, outside: Outside) -> Plan:
         """What acts from outside at the plant's time."""
@@ -292,8 +332,8 @@ class MujocoPlant:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lowest and highest activation (n_muscle,) that n_step physics steps can reach."""
         prm, limits = self.model.activation_parameters, self.model.excitation_range
-        low = activation_after(activation, limits[:, 0], prm, self.physics_dt, n_step)
-        high = activation_after(activation, limits[:, 1], prm, self.physics_dt, n_step)
+        low = activation_after(activation, limits[:, 0], prm, self.physics_dt, n_step, self.scheme.name)
+        high = activation_after(activation, limits[:, 1], prm, self.physics_dt, n_step, self.scheme.name)
         return low, high
 
     def excitation_reaching(
@@ -301,4 +341,4 @@ class MujocoPlant:
     ) -> NDArray[np.float64]:
         """Excitation (n_muscle,) that takes activation to the target in n_step physics steps."""
         prm, limits = self.model.activation_parameters, self.model.excitation_range
-        return excitation_for(activation, target, prm, self.physics_dt, n_step, limits)
+        return excitation_for(activation, target, prm, self.physics_dt, n_step, limits, self.scheme.name)

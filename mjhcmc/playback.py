@@ -48,7 +48,7 @@ def _plants(solution: Solution, physics_dt: float, count: int) -> tuple[Lockstep
     n_step = physics_steps(solution.dt, physics_dt)
     step, surroundings = solution.dt / n_step, [solution.surroundings or Surroundings()] * count
     if not solution.hosted:
-        return Lockstep([model] * count, step, surroundings), n_step
+        return Lockstep([model] * count, step, surroundings, integrator=solution.integrator), n_step
     from mjhcmc.hosted.lockstep import HillLockstep
 
     assert muscles is not None

@@ -5,7 +5,8 @@ the way a change of activation builds up over the window (1 at its end), and a c
 
     M dq'' + D dq' + K dq = B phi(t) da + ds,    dq = dq' = 0 at the window's start,
 
-integrated by the trapezoidal rule over the physics steps (it cannot blow up, however stiff the active muscles are).
+integrated by the trapezoidal rule over the physics steps (it cannot blow up, however stiff the active muscles are), or
+where the plant's integrator is of first order by the plant's own rule, with dA for dq'' (see `integrators`).
 """
 
 import numba
@@ -82,7 +83,46 @@ def _integrate(inverse, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-u
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
-def fill_build_up(a0, u, prm, step, n_step, phi):  # type: ignore[no-untyped-def]
+def fill_stepped_response(inertia, D, K, B, phi, step, acc, vel, pos):  # type: ignore[no-untyped-def]
+    """As `fill_response`, of a plant that an integrator of first order steps; acc is that of the step that follows.
+
+    Args:
+        inertia: (nv, nv) kg m^2, M + s D_s of `integrators`.
+        D: as `fill_response`, like the rest.
+        K: likewise.
+        B: likewise.
+        phi: likewise.
+        step: likewise.
+        acc: filled.
+        vel: filled.
+        pos: filled.
+    """
+    nv, n = B.shape
+    inverse, rhs = np.empty((nv, nv)), np.empty(nv)
+    inverse_of(inertia, inverse)
+    for c in range(n + nv):
+        for i in range(nv):
+            vel[i, c] = pos[i, c] = 0.0
+        for j in range(phi.shape[0]):
+            for i in range(nv):
+                if c < n:
+                    rhs[i] = B[i, c] * phi[j, c]
+                else:
+                    rhs[i] = 1.0 if c - n == i else 0.0
+                for k in range(nv):
+                    rhs[i] -= D[i, k] * vel[k, c] + K[i, k] * pos[k, c]
+            for i in range(nv):
+                acc[i, c] = 0.0
+                for k in range(nv):
+                    acc[i, c] += inverse[i, k] * rhs[k]
+            if j + 1 < phi.shape[0]:
+                for i in range(nv):
+                    vel[i, c] += step * acc[i, c]
+                    pos[i, c] += step * vel[i, c]
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")  # compiled once, with what calls it
+def fill_build_up(a0, u, prm, step, n_step, euler, phi):  # type: ignore[no-untyped-def]
     """Fill phi (n_step + 1, n_muscle): how a small change of excitation builds up in activation, 1 at the end.
 
     Args:
@@ -91,6 +131,7 @@ def fill_build_up(a0, u, prm, step, n_step, phi):  # type: ignore[no-untyped-def
         prm: (n_muscle, 3) activation dynamics, see `MuscleModel`.
         step: s, physics step.
         n_step: physics steps in the window.
+        euler: whether they are Euler steps; else RK4's.
         phi: filled.
     """
     for i in range(a0.size):
@@ -98,8 +139,8 @@ def fill_build_up(a0, u, prm, step, n_step, phi):  # type: ignore[no-untyped-def
         a, b = a0[i], a0[i]
         phi[0, i] = 0.0
         for j in range(1, n_step + 1):
-            a = advance_one(a, u[i], prm[i, 0], prm[i, 1], prm[i, 2], step, 1)
-            b = advance_one(b, other, prm[i, 0], prm[i, 1], prm[i, 2], step, 1)
+            a = advance_one(a, u[i], prm[i, 0], prm[i, 1], prm[i, 2], step, 1, euler)
+            b = advance_one(b, other, prm[i, 0], prm[i, 1], prm[i, 2], step, 1, euler)
             phi[j, i] = b - a
         for j in range(1, n_step + 1):
             phi[j, i] /= b - a

@@ -68,6 +68,7 @@ def window_status(
     reserve: NDArray[np.float64],
     shortfall: NDArray[np.float64],
     step_times_rate: NDArray[np.float64],
+    limit: float = RK4_LIMIT,
 ) -> NDArray[np.int64]:
     """(N,) `WindowStatus` of each window.
 
@@ -76,12 +77,13 @@ def window_status(
         reserve: (N, nv) N m.
         shortfall: (N, nv) N m.
         step_times_rate: (N,) physics step times the fastest decay rate at the window's end.
+        limit: of it, above which the integrator is unstable.
     """
-    limit = RESERVE_SHARE * moment_scale(moment)
+    least = RESERVE_SHARE * moment_scale(moment)
     status = np.full(len(reserve), int(WindowStatus.OK), dtype=np.int64)
-    status[(np.abs(reserve) > limit).any(axis=1)] = WindowStatus.RESERVE
-    status[(np.abs(shortfall - reserve) > limit).any(axis=1)] = WindowStatus.UNMET
-    status[step_times_rate > RK4_LIMIT] = WindowStatus.STIFF
+    status[(np.abs(reserve) > least).any(axis=1)] = WindowStatus.RESERVE
+    status[(np.abs(shortfall - reserve) > least).any(axis=1)] = WindowStatus.UNMET
+    status[step_times_rate > limit] = WindowStatus.STIFF
     return status
 
 
@@ -160,6 +162,11 @@ class Solution:
         return float(self.settings["dt"])
 
     @property
+    def integrator(self) -> str:
+        """What stepped the plant, see `integrators`; files from before there was a choice do not tell: RK4."""
+        return str(self.settings.get("integrator", "rk4"))
+
+    @property
     def hosted(self) -> bool:
         """Whether Hill muscles drove the model (see `HillPlant`) in place of MuJoCo's."""
         return self.muscles is not None or "muscles" in self.settings or self.fiber_length is not None
@@ -196,11 +203,11 @@ class Solution:
         fiber = np.empty(0) if self.fiber_length is None else self.fiber_length[k]
         return State(float(self.time[k]), self.qpos[k], self.qvel[k], self.activation[k], none, fiber)
 
-    def plant(self, physics_dt: float = 1e-3) -> MujocoPlant:
+    def plant(self, physics_dt: float | None = None) -> MujocoPlant:
         """What was driven, with its surroundings as far as they are known.
 
         Args:
-            physics_dt: s, its physics step.
+            physics_dt: s, its physics step; by default that of the solve, but .001 under RK4.
 
         Raises:
             SimulationError: the solution does not know its model or muscles (it was read from a file).
@@ -210,8 +217,12 @@ class Solution:
                 "this solution was read from a file and does not know its model: read it with Solution.load(path, "
                 "model=...)"
             )
+        if physics_dt is None:
+            physics_dt = 1e-3 if self.integrator == "rk4" else float(self.settings["physics_dt"])
         if not self.hosted:
-            return MujocoPlant(self.model, physics_dt, surroundings=self.surroundings)
+            return MujocoPlant(
+                self.model, physics_dt, surroundings=self.surroundings, integrator=self.integrator
+            )  # fmt: skip
         if self.muscles is None:
             raise SimulationError("this solution was driven by Hill muscles that its file does not hold: solve again")
         from mjhcmc.hosted.plant import HillPlant

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mjhcmc import playback
 from mjhcmc.errors import SimulationError
+from mjhcmc.integrators import scheme_of
 from mjhcmc.plant import physics_steps
 from mjhcmc.solution import RESERVE_SHARE, Solution, WindowStatus, moment_scale
 from mjhcmc.surroundings import Surroundings
@@ -29,7 +30,11 @@ MAX_MOMENT_SHARE = 0.1
 """Of the peak moment: where net joint moments depart by more from those that the user gave, the verdict says so."""
 
 REPLAY_DT = 1e-4
-"""s; a tenth of the default physics step, so that the replay also shows the step's own error."""
+"""s; a tenth of the default physics step, so that the replay also shows the step's own error.
+
+Of solutions by RK4. With an integrator of first order another step is another plant, whose windows end elsewhere: such
+solutions are replayed with the step that they were solved with, and their replay shows rounding alone.
+"""
 
 _CHUNK = 65536  # control rows handed to the engine at once: bounds memory on long motions
 _SATURATED = 0.999
@@ -191,7 +196,7 @@ def _push(solution: Solution, j: int, k: int) -> NDArray[np.float64]:
 
     plant, model = solution.plant(), solution.model
     plant.set_state(solution.state(k))
-    plant.forward()
+    plant.forward_as_stepped()
     B = dynamics.muscle_moments(plant).B
     if not model.roles.all_tracked:
         N = None if model.coupling is None else model.coupling.tangent(solution.qpos[k])
@@ -206,12 +211,13 @@ def _some(names: NDArray[np.str_]) -> str:
     return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-def replay(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.float64]:
+def replay(solution: Solution, physics_dt: float | None = None) -> NDArray[np.float64]:
     """Play the excitations and recorded reserves in a plain forward simulation, open loop, no feedback.
 
     Args:
         solution: with its model.
-        physics_dt: s, physics step; rounded down to a divisor of the solution's dt.
+        physics_dt: s, physics step; rounded down to a divisor of the solution's dt. By default `REPLAY_DT`, or the
+            solution's own where its integrator is not RK4. The integrator is always the solution's.
 
     Returns:
         (N+1, nq) rad or m at the nodes, starting from the recorded first node.
@@ -219,8 +225,9 @@ def replay(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.floa
     Raises:
         SimulationError: the solution does not know its model or muscles (it was read from a file).
     """
+    physics_dt = _replay_dt(solution) if physics_dt is None else physics_dt
     if solution.hosted or not (solution.surroundings or Surroundings()).empty:
-        solution.plant()  # knows what is missing
+        solution.plant(1e-3)  # knows what is missing
         return playback.replay(solution, physics_dt)
     engine = _Engine(solution, physics_dt)
     rows = [engine.state(0)]
@@ -234,14 +241,15 @@ def replay(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.floa
     return engine.positions(np.array(rows))
 
 
-def replay_windows(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray[np.float64]:
+def replay_windows(solution: Solution, physics_dt: float | None = None) -> NDArray[np.float64]:
     """As `replay`, but each window starts from its recorded node: errors do not grow along the motion.
 
     Returns:
         (N+1, nq) rad or m: the recorded first node, then the end of each window.
     """
+    physics_dt = _replay_dt(solution) if physics_dt is None else physics_dt
     if solution.hosted or not (solution.surroundings or Surroundings()).empty:
-        solution.plant()  # knows what is missing
+        solution.plant(1e-3)  # knows what is missing
         return playback.replay_windows(solution, physics_dt)
     engine = _Engine(solution, physics_dt)
     rows = [engine.state(0)[None]]
@@ -251,6 +259,10 @@ def replay_windows(solution: Solution, physics_dt: float = REPLAY_DT) -> NDArray
         starts = np.array([engine.state(int(k)) for k in chunk])
         rows.append(engine.roll(starts, engine.inputs(chunk))[:, -1])
     return engine.positions(np.concatenate(rows))
+
+
+def _replay_dt(solution: Solution) -> float:
+    return REPLAY_DT if solution.integrator == "rk4" else float(solution.settings["physics_dt"])
 
 
 class _Engine:
@@ -266,6 +278,7 @@ class _Engine:
         self.n_step = physics_steps(solution.dt, physics_dt)
         self.mj_model = copy.deepcopy(self.model.mj_model)
         self.mj_model.opt.timestep = solution.dt / self.n_step
+        self.mj_model.opt.integrator = scheme_of(solution.integrator).code
         self.mj_data = mujoco.MjData(self.mj_model)
         self.full = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
         self.input = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)

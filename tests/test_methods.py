@@ -18,7 +18,7 @@ POSITIONAL = (
 )  # fmt: skip
 SHARED = {
     "cost", "weights", "smoothness", "min_activation", "disabled", "solver", "emg", "joint_moments", "loads", "plant",
-    "progress",
+    "integrator", "progress",
 }  # fmt: skip
 
 

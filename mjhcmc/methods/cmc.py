@@ -77,6 +77,7 @@ def cmc(
     kv: float | None = None,
     loads: ExternalLoads | None = None,
     plant: MujocoPlant | None = None,
+    integrator: str = "rk4",
     progress: Progress | None = None,
 ) -> Solution:
     """Find muscle excitations by computed muscle control.
@@ -105,6 +106,7 @@ def cmc(
         kv: 1/s, velocity gain; 2 sqrt(kp), critical damping, by default.
         loads: measured forces on the model's bodies.
         plant: what is stepped.
+        integrator: of the plant.
         progress: called with (windows solved, windows in all).
 
     Returns:
@@ -119,7 +121,7 @@ def cmc(
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
         loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation,
-        disabled=disabled, solver=solver, emg=emg,
+        disabled=disabled, solver=solver, emg=emg, integrator=integrator,
     )  # fmt: skip
     method = _Cmc(reserves, _steps_ahead(look_ahead, windows), *_gains(kp, kv, windows.dt))
     return run(method, windows, progress)
@@ -193,7 +195,7 @@ class _Cmc:
 
     def _window(self, windows: Windows, k: int, state: State, before: Inputs) -> Inputs:
         """The inputs of window k, which begins in a state, after those of the window before."""
-        plant, reference, space = windows.plant, windows.reference, windows.model.coordinates
+        plant, reference, space = windows.plant, windows.target, windows.model.coordinates
         n_step = round(self.look_ahead / plant.physics_dt)
         ahead = windows.reference_at(reference.time[k] + n_step * plant.physics_dt)
         q_error, v_error = space.difference(reference.qpos[k], state.qpos), reference.qvel[k] - state.qvel
@@ -204,7 +206,9 @@ class _Cmc:
             qacc = ahead.qacc[0] + self.kv * v_error + self.kp * q_error
         rate = rate_at(windows, state, before.reserve)
         qpos = space.moved(ahead.qpos[0], -q_error)
-        expected = replace(state, time=float(ahead.time[0]), qpos=qpos, qvel=ahead.qvel[0] - v_error)
+        lag = windows.physics_dt / 2 * ahead.qacc[0] if windows.scheme.first_order else 0.0
+        expected = replace(state, time=float(ahead.time[0]), qpos=qpos, qvel=ahead.qvel[0] - lag - v_error)
+        expected = windows.where_forces_act(expected, qacc)
         outlook = plant.outlook(state, expected, n_step, windows.sharing.min_activation)
         sharing = windows.sharing.unbounded  # the outlook's bounds hold the least activation
         needed = needs(windows, qpos, qacc)

@@ -19,11 +19,12 @@ from mjhcmc.allocation_kernels import newton
 from mjhcmc.chunks import in_chunks
 from mjhcmc.dynamics import MuscleMoments
 from mjhcmc.errors import SimulationError
+from mjhcmc.integrators import scheme_of
 from mjhcmc.methods.bare import program_of, reserve_of_bare, without_bare
 from mjhcmc.methods.run import reserve_price
 from mjhcmc.methods.trial import Correction, Program, Reach, Trial
 from mjhcmc.qp_back_ends import NEWTON
-from mjhcmc.sensitivity import fill_build_up, fill_response
+from mjhcmc.sensitivity import fill_build_up, fill_response, fill_stepped_response
 from mjhcmc.sharing import Sharing
 from mjhcmc.small_linear import solve_in_place, whitening
 
@@ -89,12 +90,14 @@ def _correct(
     b, nv, n = trial.B.shape
     answers, wanted, Q = np.empty((b, nv, n + nv)), np.empty((b, nv)), np.empty((b, nv))
     rate = np.empty(b)
+    inertia = trial.M if trial.inertia is None else trial.inertia
+    explicit = trial.D if trial.explicit is None else trial.explicit
 
     def chunk(first: int, last: int) -> None:
         _linearize(
             first, last, trial.start_activation, trial.excitation, trial.reserve, trial.activation, trial.missing,
-            trial.B, trial.M, trial.D, trial.K, trial.kp, trial.kv, reach.parameters, trial.step, trial.n_step, answers,
-            wanted, Q, rate,
+            trial.B, trial.M, inertia, trial.D, explicit, trial.K, trial.kp, trial.kv, reach.parameters, trial.step,
+            trial.n_step, trial.euler, answers, wanted, Q, rate,
         )  # fmt: skip
 
     in_chunks(chunk, b, threads)
@@ -130,11 +133,12 @@ def _share_all(
     goal, shortfall, state = np.full((b, n), np.nan), np.empty((b, nv)), np.empty(b, dtype=np.int64)
     w, a0, cubic = sharing.weigh(trial.gain, trial.bias, trial.start_activation, trial.time)
     ours, close = sharing.solver == NEWTON and cubic is None, _CLOSE if trial.n_step else _NEAR
+    euler = scheme_of(reach.integrator).first_order
 
     def chunk(first: int, last: int) -> None:
         _share(
             first, last, trial.start_activation, trial.reserve, trial.activation, trial.B, trial.M, reach.parameters,
-            reach.excitation_range, reach.step, reach.n_step, close, trial.cap, sharing.min_activation,
+            reach.excitation_range, reach.step, reach.n_step, euler, close, trial.cap, sharing.min_activation,
             sharing.disabled, w, a0, ELASTICITY, reserves, ours, price, answers, wanted, Q, low, high, top, excitation,
             goal, shortfall, state,
         )  # fmt: skip
@@ -151,7 +155,9 @@ def _share_all(
             if i in errors:
                 excitation[i], shortfall[i], goal[i] = 0.0, 0.0, 0.0
             else:
-                parts = (reach.parameters[i], reach.step, reach.n_step, reach.excitation_range[i])
+                parts = (
+                    reach.parameters[i], reach.step, reach.n_step, reach.excitation_range[i], reach.integrator
+                )  # fmt: skip
                 excitation[i] = excitation_for(trial.start_activation[i], goal[i], *parts)
     return excitation, goal, shortfall, errors
 
@@ -264,23 +270,29 @@ def _share_by(i: int, trial: Trial, sharing: Sharing, program: Program, reserves
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _linearize(  # type: ignore[no-untyped-def]
-    first, last, a_start, u, s, a_end, r, B, M, D, K, kp, kv, prm, step, n_step, answers, wanted, Q, rate
+    first, last, a_start, u, s, a_end, r, B, M, inertia, D, explicit, K, kp, kv, prm, step, n_step, euler, answers,
+    wanted, Q, rate,
 ):  # fmt: skip
     """Fill answers = N [X Y] (b, nv, n + nv), wanted = N r, Q = B a + T s and rate, from simulation first to last."""
     nv, n = B.shape[1:]
     h = step * n_step
+    lag = 1.0 / n_step if euler and n_step > 0 else 0.0
+    linear, square = 1.0 - lag, 1.0 - lag * lag
     phi = np.empty((n_step + 1, n))
     acc, vel, pos = np.empty((nv, n + nv)), np.empty((nv, n + nv)), np.empty((nv, n + nv))
     N, used, decay = np.empty((nv, nv)), np.empty((nv, nv)), np.empty((nv, nv))
     for b in range(first, last):
         if n_step > 0:
-            fill_build_up(a_start[b], u[b], prm[b], step, n_step, phi)
-            fill_response(M[b], D[b], K[b], B[b], phi, step, acc, vel, pos)
+            fill_build_up(a_start[b], u[b], prm[b], step, n_step, euler, phi)
+            if euler:
+                fill_stepped_response(inertia[b], D[b], K[b], B[b], phi, step, acc, vel, pos)
+            else:
+                fill_response(M[b], D[b], K[b], B[b], phi, step, acc, vel, pos)
         for i in range(nv):
             for j in range(nv):
-                c = 1.0 + kv[b, j] * h / 2 + kp[b, j] * h * h / 6
-                N[i, j] = (M[b, i, j] + h / 2 * D[b, i, j] + h * h / 6 * K[b, i, j]) / c
-                used[i, j], decay[i, j] = M[b, i, j], D[b, i, j]
+                c = 1.0 + kv[b, j] * h / 2 * linear + kp[b, j] * h * h / 6 * square
+                N[i, j] = (inertia[b, i, j] + h / 2 * linear * D[b, i, j] + h * h / 6 * square * K[b, i, j]) / c
+                used[i, j], decay[i, j] = M[b, i, j], explicit[b, i, j]
         for i in range(nv):
             wanted[b, i], Q[b, i] = 0.0, 0.0
             for m in range(n + nv):
@@ -385,8 +397,8 @@ def settle(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _share(  # type: ignore[no-untyped-def]
-    first, last, a_start, s_end, a_end, B, M, prm, limits, step, n_step, close, cap, least, off, w, a0, elasticity,
-    reserves, ours, price, answers, wanted, Q, low, high, top, excitation, goal, shortfall, state,
+    first, last, a_start, s_end, a_end, B, M, prm, limits, step, n_step, euler, close, cap, least, off, w, a0,
+    elasticity, reserves, ours, price, answers, wanted, Q, low, high, top, excitation, goal, shortfall, state,
 ):  # fmt: skip
     """Share with `settle`, and find the excitations; _OPEN where the allocation is no routine one."""
     n = B.shape[2]
@@ -395,8 +407,8 @@ def _share(  # type: ignore[no-untyped-def]
         state[b] = _OPEN
         for m in range(n):
             act, deact, smooth = prm[b, m, 0], prm[b, m, 1], prm[b, m, 2]
-            low[b, m] = advance_one(a_start[b, m], limits[b, m, 0], act, deact, smooth, step, n_step)
-            high[b, m] = advance_one(a_start[b, m], limits[b, m, 1], act, deact, smooth, step, n_step)
+            low[b, m] = advance_one(a_start[b, m], limits[b, m, 0], act, deact, smooth, step, n_step, euler)
+            high[b, m] = advance_one(a_start[b, m], limits[b, m, 1], act, deact, smooth, step, n_step, euler)
             top[b, m] = max(low[b, m], min(high[b, m], cap[b, m]))
             lb[m] = min(max(low[b, m], least[b, m]), top[b, m])
             ub[m] = lb[m] if off[b, m] else top[b, m]
@@ -413,5 +425,5 @@ def _share(  # type: ignore[no-untyped-def]
             goal[b, m] = a[m]
             excitation[b, m] = invert_one(
                 a_start[b, m], a[m], limits[b, m, 0], limits[b, m, 1], low[b, m], high[b, m], prm[b, m, 0],
-                prm[b, m, 1], prm[b, m, 2], step, n_step, close,
+                prm[b, m, 1], prm[b, m, 2], step, n_step, close, euler,
             )  # fmt: skip

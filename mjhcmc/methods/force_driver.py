@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.hosted.lockstep import HillLockstep, MuscleView
+from mjhcmc.methods.aim import floors_of
 from mjhcmc.methods.force_correction import Ahead, correct_forces
-from mjhcmc.methods.hcmc_driver import HcmcDriver, Ids, Index, floors_of
+from mjhcmc.methods.hcmc_driver import HcmcDriver, Ids, Index
 from mjhcmc.methods.run import Team
 
 if TYPE_CHECKING:

@@ -78,6 +78,7 @@ def hcmc(
     loads: ExternalLoads | None = None,
     imposed: Imposed | None = None,
     plant: MujocoPlant | None = None,
+    integrator: str = "rk4",
     progress: Progress | None = None,
 ) -> Solution:
     """Find the muscle excitations that make the muscle-driven model follow a motion.
@@ -110,6 +111,8 @@ def hcmc(
         loads: measured forces on the model's bodies, such as ground reactions (see `ExternalLoads`).
         imposed: excitation that muscles receive in any case, such as reflexes: they do not go below it.
         plant: what is stepped; the model in MuJoCo by default.
+        integrator: of the plant: ``"rk4"``, ``"euler"``, ``"implicit"`` or ``"implicitfast"``, as MuJoCo has them; see
+            `integrators`. A plant that is handed in keeps its own.
         progress: called with (windows solved, windows in all).
 
     Returns:
@@ -126,7 +129,7 @@ def hcmc(
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
         loads=loads, imposed=imposed, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation,
-        disabled=disabled, solver=solver, emg=emg,
+        disabled=disabled, solver=solver, emg=emg, integrator=integrator,
     )  # fmt: skip
     return run(Hcmc(reserves, trials, tolerance, gain, authority), windows, progress)
 

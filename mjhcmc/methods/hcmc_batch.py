@@ -14,6 +14,7 @@ from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.errors import MjhcmcError, MjhcmcWarning, SettingsError, SimulationError
 from mjhcmc.external_loads import ExternalLoads
 from mjhcmc.imposed import Imposed
+from mjhcmc.integrators import scheme_of
 from mjhcmc.joint_moments import JointMoments
 from mjhcmc.methods.hcmc import Hcmc
 from mjhcmc.methods.run import Progress, SolveInterrupted, run_together
@@ -59,6 +60,7 @@ def hcmc_batch(
     authority: float = 0.15,
     muscle: str = "mujoco",
     curves: str = "millard",
+    integrator: str = "rk4",
     progress: Progress | None = None,
 ) -> SolutionBatch:
     """Follow many motions, or one with many models, in lock step on all cores.
@@ -96,6 +98,7 @@ def hcmc_batch(
         muscle: what drives the models: ``"mujoco"``, their own muscles; ``"rigid"`` or ``"compliant"``, Hill muscles
             that follow from them, with such tendons (see `HillPlant`).
         curves: of Hill muscles: ``"millard"``, ``"thelen"`` or ``"degroote-fregly"``.
+        integrator: as `hcmc`; Hill muscles take RK4 alone.
         progress: called with (windows solved, windows of the longest motion); anew where some are solved again.
 
     Returns:
@@ -108,6 +111,7 @@ def hcmc_batch(
     """
     n_thread = _threads(threads)
     check_muscle(muscle, curves)
+    scheme_of(integrator)
     members, errors = _members(models, motions, parameters)
     count = len(members)
     n_thread = min(n_thread, count)
@@ -143,14 +147,14 @@ def hcmc_batch(
         given = moments[i if len(moments) > 1 else 0]
         try:
             if muscle == "mujoco" and (bench is None or bench.model is not model):
-                bench = MujocoPlant(model)
+                bench = MujocoPlant(model, integrator=integrator)
             elif muscle != "mujoco" and (plant is None or plant.driven is not model):
                 plant = plant_for(model, muscle, dt, physics_dt, curves)
             with each_notice_once(told):
                 windows[i] = prepare(
                     model, motion, dt, physics_dt, **start, joint_moments=given, plant=plant, bench=bench, **choices,
                     emg=targets[i if len(targets) > 1 else 0], loads=forces[i if len(forces) > 1 else 0],
-                    imposed=floors[i if len(floors) > 1 else 0],
+                    imposed=floors[i if len(floors) > 1 else 0], integrator=integrator,
                 )  # fmt: skip
         except MjhcmcError as error:
             errors[i] = error

@@ -6,28 +6,26 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.beside import FEW
 from mjhcmc.clamps import activation_cap
 from mjhcmc.linearization import Linearization
+from mjhcmc.methods.aim import fill_aim, floors_of
 from mjhcmc.methods.correction import correct
 from mjhcmc.methods.record import diverged, padded
 from mjhcmc.methods.run import Team
+from mjhcmc.methods.stability import decay_rate, decay_rates
 from mjhcmc.methods.trial import Correction, Reach, Trial
-from mjhcmc.methods.windows import decay_rate, decay_rates
 from mjhcmc.motion import Reference
-from mjhcmc.plant import RK4_LIMIT
 from mjhcmc.qp_back_ends import NEWTON
 from mjhcmc.sharing import together
-from mjhcmc.small_linear import solve_in_place
 
 if TYPE_CHECKING:
     from mjhcmc.methods.hcmc import Hcmc
 
-_STABLE = 2.0  # step times decay rate up to which a trial may step coarsely; Runge-Kutta's limit is 2.78
+_STABLE = 2.0  # step times decay rate up to which an RK4 trial may step coarsely; the limit is 2.78
 _USUAL_DT = 0.01  # s
 _STIFFNESS_EVERY = 8  # windows
 _OF_OTHERS = 0.5  # of the rms acceleration of the joints that move most
@@ -87,15 +85,17 @@ class HcmcDriver:
         self._space = models[0].coordinates
         b, n, nz = len(windows), models[0].n_muscle, self._space.nz
         self._large = models[0].nv > FEW  # a look takes longer than it gains
+        self._scheme, self._lag = team.plants.scheme, team.plants.scheme.lag(team.n_step)
+        self._joint_damping = np.stack([self._scheme.joint_damping(m.mj_model) for m in models])
         self._sharing = together([w.sharing for w in windows])
         self._reach = Reach(
             np.stack([m.activation_parameters for m in models]), np.stack([m.excitation_range for m in models]),
-            team.physics_dt, team.n_step,
+            team.physics_dt, team.n_step, self._scheme.name,
         )  # fmt: skip
         self._limits = self._reach.excitation_range
         self._imposed = floors_of([w.imposed for w in windows], int(team.count.max()), self._limits[:, :, 0])
         self._ahead, self._authority = team.dt, float(settings.authority)
-        of, now = self._space.of, self._references([w.reference for w in windows])
+        of, now = self._space.of, self._references([w.target for w in windows])
         self._qpos, self._qvel = now[0], now[1]
         self._goal_qpos, self._goal_qvel, self._goal_qacc = (values[1:] for values in now)
         rms = of(np.stack([w.rms_qacc for w in windows]))
@@ -139,20 +139,22 @@ class HcmcDriver:
         around = self._look(k + 1, ids, expected, stiffness=k % _STIFFNESS_EVERY == 0)
         self._keep(at, around)
         here = _Here(k, ids, at, rows, activation, kp, kv, around)
-        self._correct(here, expected, goal - around.qacc, team.dt, 0)
+        self._correct(here, expected, self._missing_at(around, goal), team.dt, 0)
         ends, step, n_step = self._trial(here)
-        qacc = self._space.of(plants.acceleration(ids, ends, team.reserve[at]))
+        whole = plants.acceleration(ids, ends, team.reserve[at])
+        qacc = self._space.of(whole)
         final: Array | None = None
         whom: Index = slice(None)  # which of the call's simulations are corrected
         for trial in range(settings.trials):
             if trial > 0 and not self._large:  # the end that was expected is not where it ended
-                there = self._look(k + 1, here.ids, ends, stiffness=True)
+                there = self._look(k + 1, here.ids, self._where_forces_act(ends, whole), stiffness=True)
                 here = here._replace(around=there)
                 self._keep(here.at, there)
             self._correct(here, ends, self._missing(k, here.at, (here.kp, here.kv), ends, qacc), step, n_step)
             ends = plants.step(here.ids, here.rows, team.excitation[here.at], team.reserve[here.at], team.n_step)
             step, n_step = team.physics_dt, team.n_step
-            qacc = self._space.of(plants.acceleration(here.ids, ends, team.reserve[here.at]))
+            whole = plants.acceleration(here.ids, ends, team.reserve[here.at])
+            qacc = self._space.of(whole)
             self._qacc_at[here.at] = qacc
             if final is None:
                 final = ends
@@ -166,7 +168,7 @@ class HcmcDriver:
                 break
             if not again.all():
                 whom = np.flatnonzero(again) if isinstance(whom, slice) else whom[again]
-                here, ends, qacc = here.some(again), ends[again], qacc[again]
+                here, ends, qacc, whole = here.some(again), ends[again], qacc[again], whole[again]
         self._before[at] = activation
         assert final is not None  # there is at least one trial
         self._look_at_stiff(k, ids, at, final, around)
@@ -181,6 +183,23 @@ class HcmcDriver:
         found = self._look(0, ids, rows, stiffness=False)
         self._keep(at, found)
         self._qacc_at[at], self._before[at] = found.qacc, rows[:, self._layout.activation]
+        if self._scheme.first_order:
+            self._qacc_at[at] = self._space.of(self._team.plants.acceleration(ids, rows, self._team.reserve[at]))
+
+    def _where_forces_act(self, rows: Array, qacc: Array) -> Array:
+        """The rows with the velocity at which the integrator takes forces, when a step of qacc (b, nv) follows."""
+        if not self._scheme.implicit:
+            return rows
+        moved = rows.copy()
+        moved[:, self._layout.qvel] += self._team.physics_dt * qacc
+        return moved
+
+    def _missing_at(self, around: Linearization, goal: Array) -> Array:
+        """(b, nz) rad/s^2, what is missed at the expected end; implicit integrators take it there as it is."""
+        if around.inertia is None or self._scheme.implicit:
+            return np.asarray(goal - around.qacc)
+        F = around.M @ around.qacc[:, :, None]
+        return np.asarray(goal - np.linalg.solve(around.inertia, F)[:, :, 0])
 
     def _look_at_stiff(self, k: int, ids: Ids, at: Index, ends: Array, expected: Linearization) -> None:
         """Where the muscles may be too stiff for the physics step, tell by the ends themselves.
@@ -189,10 +208,11 @@ class HcmcDriver:
         looked at. An end where they are, and where acceleration is far from any that was wanted, has run away though it
         is finite: it becomes NaN.
         """
-        team, limit = self._team, RK4_LIMIT / self._team.physics_dt
+        team, limit = self._team, self._scheme.limit / self._team.physics_dt
         suspect = np.flatnonzero(team.fastest_rate[at] > _SUSPECT * limit)
         if suspect.size:
-            rates = decay_rates(expected.M[suspect], expected.D[suspect])
+            damping = expected.D if expected.explicit is None else expected.explicit
+            rates = decay_rates(expected.M[suspect], damping[suspect])
             harmless = rates <= _SUSPECT * limit  # False with NaN
             team.fastest_rate[ids[suspect[harmless]]] = rates[harmless]
             suspect = suspect[~harmless]
@@ -201,8 +221,9 @@ class HcmcDriver:
         who = ids[suspect]
         found = self._look(k + 1, who, ends[suspect], stiffness=False)
         for j, i in enumerate(who.tolist()):
-            if _finite(found.M[j], found.D[j]):
-                team.fastest_rate[i] = decay_rate(found.M[j], found.D[j])
+            damping = found.D if found.explicit is None else found.explicit
+            if _finite(found.M[j], damping[j]):
+                team.fastest_rate[i] = decay_rate(found.M[j], damping[j])
             missed = np.abs(self._space.of(self._goal_qacc[k, i]) - found.qacc[j]).max()
             if team.fastest_rate[i] > limit and not missed <= _RUN_AWAY * self._largest[i]:
                 ends[suspect[j]] = np.nan
@@ -212,6 +233,8 @@ class HcmcDriver:
         found = self._team.plants.linearize(
             ids, rows, self._team.reserve[self._which(ids)], stiffness=stiffness, damping=self._sharing.counts_forces
         )
+        if self._scheme.first_order:
+            found = self._as_stepped(ids, found)
         if self._space.all_tracked:
             return found
         if self._space.simple:
@@ -219,7 +242,8 @@ class HcmcDriver:
             square = np.ix_(np.arange(len(ids)), t, t)
             K = None if found.K is None else found.K[square]
             qacc, M, B, D = found.qacc[:, t], found.M[square], found.B[:, t], found.D[square]
-            return found._replace(qacc=qacc, M=M, B=B, D=D, K=K)
+            inertia, explicit = (None if part is None else part[square] for part in (found.inertia, found.explicit))
+            return found._replace(qacc=qacc, M=M, B=B, D=D, K=K, inertia=inertia, explicit=explicit)
         return self._seen(found, self._weights(node, ids, found.M))
 
     def _weights(self, node: int, ids: Ids, M: Array) -> Array:
@@ -232,7 +256,14 @@ class HcmcDriver:
         back = np.swapaxes(W, 1, 2)
         K = None if found.K is None else back @ found.K @ W
         qacc, M, B, D = self._space.of(found.qacc), back @ found.M @ W, back @ found.B, back @ found.D @ W
-        return found._replace(qacc=qacc, M=M, B=B, D=D, K=K)
+        inertia, explicit = (None if part is None else back @ part @ W for part in (found.inertia, found.explicit))
+        return found._replace(qacc=qacc, M=M, B=B, D=D, K=K, inertia=inertia, explicit=explicit)
+
+    def _as_stepped(self, ids: Ids, found: Linearization) -> Linearization:
+        """The same with what the integrator makes of inertia and damping."""
+        joint = self._joint_damping[ids][:, :, None] * np.eye(self._joint_damping.shape[1])
+        inertia = self._scheme.inertia(found.M, found.D, joint, self._team.physics_dt)
+        return found._replace(inertia=inertia, explicit=self._scheme.explicit(found.D, joint))
 
     def _tangent(self, node: int, i: int) -> Array | None:
         tangents = self._team.windows[i].tangents
@@ -259,19 +290,22 @@ class HcmcDriver:
         itself, and critical damping would make the sampled error ring (largest root at gain 2.7: .44 against -.72; at
         3: .5 against -.84). alpha_j is a share of the smaller of the accelerations that full activation gives the joint
         either way. Where reserves help it is at least the rms of q''_d, or a motion beyond the muscles would be fed
-        forward and not fed back. A joint that nothing limits keeps gain/h.
+        forward and not fed back. A joint that nothing limits keeps gain/h. For other integrators than RK4 see
+        `integrators`: how acceleration adds up over the window, and the gains that have the same roots.
         """
         layout, gain, h, space = self._layout, self._gain[at], self._ahead, self._space
         qacc, q = self._qacc_at[at], rows[:, layout.qpos]
         v = np.ascontiguousarray(space.of(rows[:, layout.qvel]))  # one layout, however many: compiled once
         kp, kv, goal, way, speed = (np.empty_like(qacc) for _ in range(5))
         ahead = space.difference(self._goal_qpos[k, at], q)
-        _fill_aim(
+        fill_aim(
             self._M[at], self._B[at], space.of(space.difference(self._qpos[k, at], q)), space.of(self._qvel[k, at]),
             space.of(ahead), space.of(self._goal_qvel[k, at]), space.of(self._goal_qacc[k, at]), v, qacc,
-            self._least_authority[at], self._authority, gain, h, kp, kv, goal, way, speed,
+            self._least_authority[at], self._authority, gain, h, self._lag, kp, kv, goal, way, speed,
         )  # fmt: skip
         expected = rows.copy()
+        if self._scheme.implicit:  # forces are looked at where a step of that acceleration takes them
+            speed += self._team.physics_dt * goal
         if not space.all_tracked:
             way, speed = self._whole(k, at, rows, ahead, way, speed)
         expected[:, layout.qpos] = space.moved(q, way)
@@ -315,9 +349,12 @@ class HcmcDriver:
         """The ends of a window with the inputs so far; and the physics step and steps that it took.
 
         About twice the plant's step does where that is stable: what is corrected by it is checked by the window itself.
+        Not so under integrators of first order: with another step they end elsewhere.
         """
         team, plants, ids, rows = self._team, self._team.plants, here.ids, here.rows
         u, s = team.excitation[here.at], team.reserve[here.at]
+        if self._scheme.first_order:
+            return plants.step(ids, rows, u, s, team.n_step), team.physics_dt, team.n_step
         n = (team.n_step + 1) // 2
         times = team.n_step / n
         stable = team.fastest_rate[here.at] * times * team.physics_dt <= _STABLE
@@ -348,6 +385,8 @@ class HcmcDriver:
             np.ascontiguousarray(ends[:, self._layout.activation]), missing, found.M, found.B, found.gain, found.bias,
             found.D, self._K[at], here.kp, here.kv, step, n_step, self._cap(at, found),
             ends[:, self._layout.time],
+            found.M if self._scheme.implicit and n_step == 0 else found.inertia, found.explicit,
+            self._scheme.first_order,
         )  # fmt: skip
         reach, sharing, price = self._reach, self._sharing, self._price[at]
         if not isinstance(at, slice):
@@ -378,57 +417,5 @@ class HcmcDriver:
         team.fastest_rate[at] = correction.fastest_rate
 
 
-def floors_of(imposed: Sequence[Array | None], n: int, least: Array) -> Array | None:
-    """(n, b, n_muscle) least excitation of each window, where anything is imposed on any simulation."""
-    if all(one is None for one in imposed):
-        return None
-    found = np.repeat(least[None], n, axis=0)
-    for i, one in enumerate(imposed):
-        if one is not None:
-            found[: len(one), i] = np.maximum(found[: len(one), i], one)
-    return found
-
-
 def _finite(*parts: Array) -> bool:
     return all(bool(np.isfinite(part).all()) for part in parts)
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _fill_aim(  # type: ignore[no-untyped-def]
-    M, B, error, qvel, next_error, next_qvel, next_qacc, v_now, at_start, least, authority, gain, h, kp, kv, goal, way,
-    speed,
-):  # fmt: skip
-    """Fill kp, kv and goal (b, nz), and the way and the velocity (b, nz) at which the window should end.
-
-    error and next_error are the desired positions now and at the window's end, less the position now.
-    """
-    b, nv, n = B.shape
-    used, reach = np.empty((nv, nv)), np.empty((nv, n))
-    for s in range(b):
-        for j in range(nv):
-            for i in range(nv):
-                used[j, i] = M[s, j, i]
-            for i in range(n):
-                reach[j, i] = B[s, j, i]
-        solve_in_place(used, reach)
-        for j in range(nv):
-            up, down = 0.0, 0.0
-            for i in range(n):
-                up += max(reach[j, i], 0.0)
-                down += max(-reach[j, i], 0.0)
-            alpha = max(authority * min(up, down), least[s, j])
-            v, a = v_now[s, j], at_start[s, j]
-            e, e_rate = abs(error[s, j]), abs(qvel[s, j] - v)
-            denominator = e_rate + np.sqrt(e_rate * e_rate + alpha * e)
-            w = gain[s] / h
-            damped = 1.0 - gain[s] / 6.0
-            if denominator > 0.0 and alpha > 0.0 and alpha / denominator < w:
-                w, damped = alpha / denominator, 1.0
-            kp[s, j] = w * w
-            kv[s, j] = 2.0 * w * damped
-            v_error = next_qvel[s, j] - v - h / 2 * a
-            q_error = next_error[s, j] - h * v - h * h / 3 * a
-            c = 1.0 + kv[s, j] * h / 2 + kp[s, j] * h * h / 6
-            goal[s, j] = (next_qacc[s, j] + kv[s, j] * v_error + kp[s, j] * q_error) / c
-            speed[s, j] = v + h / 2 * (a + goal[s, j])
-            way[s, j] = h * v + h * h / 3 * a + h * h / 6 * goal[s, j]

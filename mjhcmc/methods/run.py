@@ -20,9 +20,10 @@ from mjhcmc.errors import DivergedError, MjhcmcWarning, SimulationError
 from mjhcmc.lockstep import Lockstep, Plants
 from mjhcmc.log import get_logger
 from mjhcmc.methods.record import Record
-from mjhcmc.methods.windows import Windows, decay_rate
+from mjhcmc.methods.stability import decay_rate, explicit_damping
+from mjhcmc.methods.windows import Windows
 from mjhcmc.one_by_one import OneByOne
-from mjhcmc.plant import RK4_LIMIT, State
+from mjhcmc.plant import State
 from mjhcmc.solution import Solution
 
 _FINER_TRIES = 2  # a simulation that diverges is solved again with a quarter of the step, and a sixteenth
@@ -271,7 +272,9 @@ def _plants(windows: Sequence[Windows], threads: int) -> Plants:
         return lockstep_of(own, threads)
     if own:
         return OneByOne(own)
-    return Lockstep([w.model for w in windows], windows[0].physics_dt, [w.surroundings for w in windows], threads)
+    first = windows[0]
+    around = [w.surroundings for w in windows]
+    return Lockstep([w.model for w in windows], first.physics_dt, around, threads, first.scheme.name)
 
 
 def _start(method: Method, team: Team, i: int) -> State:
@@ -297,10 +300,11 @@ def static_start(windows: Windows, *, reserves: bool) -> tuple[State, Inputs]:
     """
     plant, model, start, sharing = windows.plant, windows.model, windows.start, windows.sharing
     given = np.isfinite(start.activation).all()
-    plant.set_state(start if given else replace(start, activation=np.zeros(model.n_muscle)))
+    seen = windows.where_forces_act(start, windows.target.qacc[0])
+    plant.set_state(seen if given else replace(seen, activation=np.zeros(model.n_muscle)))
     plant.set_input(None, np.zeros(model.nv))
     plant.forward()
-    needed = needs(windows, start.qpos, windows.reference.qacc[0], steady=True)
+    needed = needs(windows, start.qpos, windows.target.qacc[0], steady=True)
     low, high = model.excitation_range.T
     cap = activation_cap(model.force_limit, needed.moments.gain, needed.moments.bias)
     high = np.maximum(low, np.minimum(high, cap))
@@ -340,6 +344,8 @@ def needs(windows: Windows, qpos: Array, qacc: Array, *, steady: bool = False) -
     plant = windows.plant
     moments = dynamics.muscle_moments(plant, damping=windows.sharing.counts_forces, steady=steady)
     Q = dynamics.required_moment(plant, qacc, moments.p)
+    if windows.scheme.first_order:
+        Q = Q + windows.physics_dt * windows.scheme.joint_damping(windows.model.mj_model) * qacc
     M = dynamics.mass_matrix(plant)
     if windows.model.roles.all_tracked:
         return Needs(moments, Q, M)
@@ -354,11 +360,11 @@ def rate_at(windows: Windows, state: State, reserve: NDArray[np.float64]) -> flo
     plant.set_input(None, reserve)
     plant.forward()
     M, internal = dynamics.mass_matrix(plant), plant.internal_rate()
-    D = dynamics.damping_matrix(plant)
+    D = explicit_damping(windows)
     if not windows.model.roles.all_tracked:
         W = windows.seen_from_tracked(state.qpos, M)
         M, D = W.T @ M @ W, W.T @ D @ W
-    return max(internal, decay_rate(M, D, RK4_LIMIT / plant.physics_dt))
+    return max(internal, decay_rate(M, D, windows.scheme.limit / plant.physics_dt))
 
 
 def reserve_price(M: NDArray[np.float64], *, reserves: bool) -> NDArray[np.float64]:

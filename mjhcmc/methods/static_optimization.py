@@ -47,6 +47,7 @@ def static_optimization(
     joint_moments: JointMoments | None = None,
     loads: ExternalLoads | None = None,
     plant: MujocoPlant | None = None,
+    integrator: str = "rk4",
     progress: Progress | None = None,
 ) -> Solution:
     """Find muscle excitations by static optimization, and drive the model with them open loop.
@@ -70,6 +71,7 @@ def static_optimization(
         joint_moments: to share in place of those of inverse dynamics.
         loads: measured forces on the model's bodies.
         plant: what is stepped.
+        integrator: of the plant.
         progress: called with (windows solved, windows in all).
 
     Returns:
@@ -85,7 +87,7 @@ def static_optimization(
     windows = prepare(
         model, motion, dt, physics_dt, initial_qpos, initial_qvel, initial_activation, joint_moments, plant,
         loads=loads, cost=cost, weights=weights, smoothness=smoothness, min_activation=min_activation,
-        disabled=disabled, solver=solver, emg=emg,
+        disabled=disabled, solver=solver, emg=emg, integrator=integrator,
     )  # fmt: skip
     check_flag("reserves", reserves)
     method = _Static(reserves, _plan(windows, reserves=reserves))

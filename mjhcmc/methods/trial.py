@@ -33,6 +33,9 @@ class Trial(NamedTuple):
         n_step: its physics steps; 0: no trial, the end is where the window should end but for the activation.
         cap: (b, n_muscle) activation beyond which muscles pull no more.
         time: (b,) s, at the end.
+        inertia: (b, nv, nv) kg m^2, M + s D_s of `integrators`, of the trial's steps; None: M, under RK4.
+        explicit: (b, nv, nv) N m s, what of D bounds the physics step; None: D.
+        euler: whether the trial was stepped by an integrator of first order.
     """
 
     start_activation: Array
@@ -52,6 +55,9 @@ class Trial(NamedTuple):
     n_step: int
     cap: Array
     time: Array
+    inertia: Array | None = None
+    explicit: Array | None = None
+    euler: bool = False
 
     def of(self, which: NDArray[np.intp]) -> Trial:
         """That of some of the simulations."""
@@ -66,16 +72,18 @@ class Reach(NamedTuple):
         excitation_range: (b, n_muscle, 2).
         step: s, physics step.
         n_step: physics steps in a window.
+        integrator: of the plant.
     """
 
     parameters: Array
     excitation_range: Array
     step: float
     n_step: int
+    integrator: str = "rk4"
 
     def of(self, which: NDArray[np.intp]) -> Reach:
         """That of some of the simulations."""
-        return Reach(self.parameters[which], self.excitation_range[which], self.step, self.n_step)
+        return self._replace(parameters=self.parameters[which], excitation_range=self.excitation_range[which])
 
 
 class Correction(NamedTuple):

@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjhcmc import dynamics
-from mjhcmc.errors import MjhcmcWarning, MotionError, SettingsError, SimulationError
+from mjhcmc.errors import MjhcmcWarning, MotionError, SettingsError
 from mjhcmc.imposed import Imposed
+from mjhcmc.integrators import RK4, Scheme, check_activation, check_engine, scheme_of
 from mjhcmc.joint_moments import JointMoments
+from mjhcmc.methods.stability import check_passive_stability
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import RANGE_ALLOWANCE, Motion, Reference, check_joint_range
 from mjhcmc.motion_on_model import fit_to_model, path_of
-from mjhcmc.plant import RK4_LIMIT, MujocoPlant, State, physics_steps
+from mjhcmc.plant import MujocoPlant, State, physics_steps
 from mjhcmc.sharing import Sharing, share
 from mjhcmc.start_checks import contacts_beyond_strength
 from mjhcmc.surroundings import Surroundings, coordinates_of
@@ -26,8 +27,6 @@ from mjhcmc.surroundings import Surroundings, coordinates_of
 if TYPE_CHECKING:
     from mjhcmc.external_loads import ExternalLoads
 
-_POSES_CHECKED = 6  # along the motion
-_MARGIN = 0.8  # active muscles damp too
 _MOST_STEPS = 10**8  # days of work, gigabytes of record
 
 
@@ -49,6 +48,7 @@ class Windows:
         imposed: (N, n_muscle) excitation below which muscles do not go; None: as the model says.
         own_plant: a plant that the user handed in; None: none.
         bench: a plant of the same model to look at states with, shared with other simulations; None: none.
+        scheme: what integrates the plant.
     """
 
     model: MuscleModel
@@ -64,12 +64,19 @@ class Windows:
     imposed: NDArray[np.float64] | None = None
     own_plant: MujocoPlant | None = None
     bench: MujocoPlant | None = None
+    scheme: Scheme = RK4
 
     @cached_property
     def plant(self) -> MujocoPlant:
         """What methods look at states with: the user's plant, or one of the model."""
         shared = self.bench if self.surroundings.empty else None
-        return self.own_plant or shared or MujocoPlant(self.model, self.physics_dt, surroundings=self.surroundings)
+        return (
+            self.own_plant
+            or shared
+            or MujocoPlant(
+                self.model, self.physics_dt, surroundings=self.surroundings, integrator=self.scheme.name
+            )
+        )  # fmt: skip
 
     @property
     def may_be_finer(self) -> bool:
@@ -81,7 +88,24 @@ class Windows:
         step, own = self.physics_dt / times, self.own_plant
         if own is not None:
             own = own.at(step, self.surroundings)
-        return replace(self, physics_dt=step, n_step=self.n_step * times, bench=None, own_plant=own)
+        anew = replace(self, physics_dt=step, n_step=self.n_step * times, bench=None, own_plant=own)
+        if np.array_equal(self.start.qvel, self.target.qvel[0]):  # where it should start depends on the step
+            anew = replace(anew, start=replace(self.start, qvel=anew.target.qvel[0].copy()))
+        return anew
+
+    @cached_property
+    def target(self) -> Reference:
+        """The desired motion at the nodes, with velocities and accelerations as the plant's steps have them.
+
+        Those of `reference` under RK4; else see `integrators`.
+        """
+        return stepped(self, self.physics_dt) if self.scheme.first_order else self.reference
+
+    def where_forces_act(self, state: State, qacc: NDArray[np.float64]) -> State:
+        """The state with the velocity at which the integrator takes forces, when a step of qacc (nv,) follows."""
+        if not self.scheme.implicit:
+            return state
+        return replace(state, qvel=state.qvel + self.physics_dt * qacc)
 
     def without_plant(self) -> Windows:
         """The same without the plant of the model, which is built again when it is asked for."""
@@ -124,6 +148,26 @@ class Windows:
         return len(self.reference.time) - 1
 
 
+def stepped(windows: Windows, step: float) -> Reference:
+    """The desired motion at the nodes, differenced over a physics step; before its start it has its first acceleration.
+
+    Args:
+        windows: of the motion.
+        step: s.
+    """
+    reference, moved, difference = (
+        windows.reference, windows.model.coordinates.moved, windows.model.coordinates.difference
+    )  # fmt: skip
+    first = reference.qpos[:1], reference.qvel[:1], reference.qacc[:1]
+    before = moved(first[0], -step * first[1] + step**2 / 2 * first[2])
+    if windows.count:
+        before = np.concatenate([before, windows.reference_at(reference.time[1:] - step).qpos])
+    after = windows.reference_at(reference.time + step).qpos
+    qvel = difference(reference.qpos, before) / step
+    qacc = (difference(after, reference.qpos) / step - qvel) / step
+    return replace(reference, qvel=qvel, qacc=qacc)
+
+
 def prepare(
     model: MuscleModel,
     motion: Motion,
@@ -137,6 +181,7 @@ def prepare(
     bench: MujocoPlant | None = None,
     loads: ExternalLoads | None = None,
     imposed: Imposed | None = None,
+    integrator: str = "rk4",
     **choices: Any,
 ) -> Windows:
     """Check the settings of a solve and lay out its windows.
@@ -161,8 +206,10 @@ def prepare(
         MotionError: a motion of other joints, outside the joints' range, or against the model's equalities; joint
             moments or loads that do not cover it.
         ModelError: loads on bodies that the model has not.
-        SimulationError: a physics step at which the model's passive damping is unstable.
+        SimulationError: a physics step at which the model's passive damping is unstable, or an integrator of first
+            order overshoots in activation.
     """
+    scheme = _scheme(integrator, plant)
     if not isinstance(model, MuscleModel) or not isinstance(motion, Motion):
         raise SettingsError(
             f"a method takes a MuscleModel and a Motion; got {type(model).__name__} and {type(motion).__name__}: use "
@@ -250,6 +297,8 @@ def prepare(
     sharing = share(model, **choices)
     if sharing.tracking is not None:
         choices["emg"].check_covers(motion)
+    check_activation(model, scheme, step)
+    check_engine(model, scheme, step)
     qpos = _vector("initial_qpos", initial_qpos, reference.qpos[0])
     qvel = _vector("initial_qvel", initial_qvel, reference.qvel[0])
     if len(model.roles.prescribed):
@@ -276,11 +325,32 @@ def prepare(
         None if imposed is None else imposed.over(times),
         plant,
         bench,
+        scheme,
     )
+    if initial_qvel is None and scheme.first_order:
+        windows = replace(windows, start=replace(start, qvel=windows.target.qvel[0].copy()))
     windows.plant.check_motion(motion.name, reference.time, reference.qpos)
-    _check_passive_stability(windows)
+    check_passive_stability(windows)
     _check_contacts(windows)
     return windows
+
+
+def _scheme(integrator: str, plant: MujocoPlant | None) -> Scheme:
+    """What integrates the plant, the user's own if there is one."""
+    scheme = scheme_of(integrator)
+    if plant is None:
+        return scheme
+    if plant.hosted is not None and scheme is not RK4:
+        raise SettingsError(
+            f"integrator {integrator!r} does not step Hill muscles, which have a Runge-Kutta scheme of their own: "
+            "leave integrator out, or use MuJoCo's muscles"
+        )
+    if scheme not in (RK4, plant.scheme):
+        raise SettingsError(
+            f"integrator {integrator!r} and a plant that is stepped by {plant.scheme.name!r}: build it with "
+            f"MujocoPlant(..., integrator={integrator!r})"
+        )
+    return plant.scheme
 
 
 def _check_contacts(windows: Windows) -> None:
@@ -337,51 +407,3 @@ def _vector(name: str, given: ArrayLike | None, default: NDArray[np.float64]) ->
     if not np.isfinite(value).all():
         raise SettingsError(f"{name} must hold finite numbers; got {value.tolist()}")
     return value
-
-
-def decay_rate(M: NDArray[np.float64], D: NDArray[np.float64], harmless: float = 0.0) -> float:
-    """Fastest decay of the velocities, 1/s: the largest real eigenvalue part of M^-1 D.
-
-    Where a bound on it (the largest row sum) is at most `harmless`, that bound: it takes a tenth of the time.
-    """
-    rates = np.linalg.solve(M, D)
-    bound = float(np.abs(rates).sum(axis=1).max(initial=0.0))
-    return bound if bound <= harmless else float(np.linalg.eigvals(rates).real.max(initial=0.0))
-
-
-def decay_rates(M: NDArray[np.float64], D: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(b,) as `decay_rate`, of many; NaN where a value is not finite.
-
-    Args:
-        M: (b, nv, nv) kg m^2.
-        D: (b, nv, nv) N m s.
-    """
-    rates = np.full(len(M), np.nan)
-    finite = np.isfinite(M).all(axis=(1, 2)) & np.isfinite(D).all(axis=(1, 2))
-    if finite.any():
-        rates[finite] = np.linalg.eigvals(np.linalg.solve(M[finite], D[finite])).real.max(axis=1, initial=0.0)
-    return rates
-
-
-def _check_passive_stability(windows: Windows) -> None:
-    """Refuse a physics step at which the model's passive damping alone would blow up."""
-    plant, reference = windows.plant, windows.reference
-    rest, still = np.zeros(windows.model.n_muscle), np.zeros(windows.model.nv)
-    worst, at = 0.0, 0
-    for k in range(0, len(reference.time), max(1, len(reference.time) // _POSES_CHECKED)):
-        plant.set_state(State(float(reference.time[k]), reference.qpos[k], still, rest, still))
-        plant.forward()
-        M = dynamics.mass_matrix(plant)
-        internal = plant.internal_rate()
-        D = dynamics.damping_matrix(plant)
-        if not windows.model.roles.all_tracked:
-            W = windows.seen_from_tracked(reference.qpos[k], M)
-            M, D = W.T @ M @ W, W.T @ D @ W
-        rate = max(internal, decay_rate(M, D, RK4_LIMIT / windows.physics_dt))
-        if rate > worst:
-            worst, at = rate, k
-    if worst * windows.physics_dt > RK4_LIMIT:
-        raise SimulationError(
-            f"model {windows.model.name!r}: physics_dt {windows.physics_dt:g} s is unstable under its damping "
-            f"({worst:.0f} /s at {reference.time[at]:.3g} s): use physics_dt <= {_MARGIN * RK4_LIMIT / worst:.2g}"
-        )

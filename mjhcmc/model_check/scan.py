@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc import dynamics
-from mjhcmc.methods.windows import decay_rate
+from mjhcmc.methods.stability import decay_rate
 from mjhcmc.model import MuscleModel
 from mjhcmc.model_check.ties import Ties
 from mjhcmc.model_problems import joint_type
