@@ -174,7 +174,7 @@ def _answers(
     inverse = np.linalg.inv(seen.M)
     by_force = inverse @ np.swapaxes(seen.R, 1, 2)  # (k, nv, n)
     Ja = by_force * force.gain[:, None, :]
-    damping = _damping_slopes(model, damping_of(model, seen))
+    damping = damping_slopes(model, damping_of(model, seen))
     Jp = np.zeros((len(activation), model.nv, wanted.count(model)))
     n = model.n_muscle
     for j, kind in enumerate(wanted.kinds):
@@ -195,7 +195,7 @@ def damping_of(model: MuscleModel, seen: Look) -> Array:
     return fiber_damping(model, SimpleNamespace(actuator_velocity=velocity, ten_velocity=seen.ten_velocity))
 
 
-def _damping_slopes(model: MuscleModel, damping: Array) -> dict[str, Array]:
+def damping_slopes(model: MuscleModel, damping: Array) -> dict[str, Array]:
     """(k, n_muscle) by F0 and by L0: fiber damping goes with F0/L0."""
     now = muscle_parameters(model)
     return {FORCE: damping / now[FORCE], FIBER: -damping / now[FIBER]}

@@ -13,6 +13,7 @@ from mjhcmc.gradients import windows as one
 from mjhcmc.gradients.along import Nodes, Stages, Wanted, nodes_along, stages_along
 from mjhcmc.gradients.feedback import Errors, gains
 from mjhcmc.gradients.looks import Looker, States
+from mjhcmc.gradients.reserves import Around, around_node, by_parameters, reserved, response, turned
 from mjhcmc.gradients.tangents import propagate
 from mjhcmc.methods.windows import Windows
 from mjhcmc.model import MuscleModel
@@ -21,6 +22,8 @@ from mjhcmc.muscle_parameters import FALL, RISE
 from mjhcmc.solution import Solution
 
 Array = NDArray[np.float64]
+
+_TURNS = 3  # each takes what is left of the reserves' part down to a hundredth
 
 
 class Derivatives(NamedTuple):
@@ -87,6 +90,11 @@ def differentiate(
     if not feedback.given[2]:
         activation[0] = _first_activation(windows, solution, nodes, before[0], moved, (qpos[0], qvel[0]), side)
     times = _times(model, wanted)
+    large = reserved(nodes, solution.reserve).tolist()
+    if large:
+        at_ends = [k + 1 for k in large]
+        states = States(*(part[at_ends] for part in (solution.qpos, solution.qvel, solution.activation, before)))
+        slopes = by_parameters(model, states, wanted, threads)
     for k in range(N):
         missing = reference.qpos[k] - solution.qpos[k], reference.qvel[k] - solution.qvel[k]
         errors = Errors(*missing, moved.qpos[k] - qpos[k], moved.qvel[k] - qvel[k])
@@ -99,7 +107,14 @@ def differentiate(
         ends = _ends(stages, k, times, step, (qpos[k], qvel[k], activation[k]))
         target = one.Moved(moved.qpos[k + 1], moved.qvel[k + 1], moved.qacc[k + 1], own.kp_slopes, own.kv_slopes)
         cost = _cost(windows, solution, k)
-        found = one.answer(choice, cost, nodes, k + 1, ends, activation[k], target, windows.dt, side)
+        at = around_node(nodes, k + 1)
+        T = response(at, own.kp, own.kv, step, n_step)
+        found = one.answer(choice, cost, nodes, k + 1, ends, activation[k], target, T, 0.0, side)
+        for _ in range(_TURNS if k in large else 0):
+            end = States(*(part[k + 1 : k + 2] for part in (solution.qpos, solution.qvel, solution.activation, before)))
+            explicit = Around(*(part[large.index(k)] for part in slopes))
+            turn = turned(looker, end, at, explicit, own, np.vstack(found.end), step, n_step)
+            found = one.answer(choice, cost, nodes, k + 1, ends, activation[k], target, T, turn, side)
         excitation[k], reserve[k], margin[k] = found.excitation, found.reserve, found.margin
         qpos[k + 1], qvel[k + 1], activation[k + 1] = found.end
     return Derivatives(excitation, activation, qpos, qvel, reserve, margin)
@@ -147,7 +162,7 @@ def _first_activation(
     still = np.zeros((nv, p))
     target = one.Moved(still, still, moved.qacc[0], still, still)
     cost = _cost(windows, solution, -1)
-    found = one.answer(choice, cost, nodes, 0, ends, np.zeros((n, p)), target, 0.0, side)
+    found = one.answer(choice, cost, nodes, 0, ends, np.zeros((n, p)), target, np.eye(nv), 0.0, side)
     return found.end.activation
 
 

@@ -31,6 +31,7 @@ class SensitivityTable:
     of the motion, 1 % is that of the direction as it was given.
 
     Attributes:
+        label: model and motion.
         names: (p,) as the gradient has them, in its order.
         muscle_names: (n_muscle,).
         dof_names: (nv,).
@@ -48,6 +49,7 @@ class SensitivityTable:
         near_any: the same for any of the muscles.
     """
 
+    label: str
     names: tuple[str, ...]
     muscle_names: tuple[str, ...]
     dof_names: tuple[str, ...]
@@ -97,10 +99,25 @@ class SensitivityTable:
         text = "; ".join(parts) or "no parameter moves it"
         if self.near[j]:
             text += (
-                f"; in {100 * self.near[j]:.0f} % of the windows a change of {100 * self.change:g} % may take it to "
-                "another active set, the answer is then valid nearby only"
+                f"; valid nearby only: in {share(self.near[j])} of the windows a change of {100 * self.change:g} % may "
+                "take it to another active set"
             )
         return f"{muscle}: {text}"
+
+    def numbers(self) -> dict[str, Any]:
+        """What `words` tells, for JSON: by muscle, the three parameters that matter most, and what is near."""
+        muscles: dict[str, Any] = {}
+        for j, muscle in enumerate(self.muscle_names):
+            rows = [self.names.index(name) for name in self.top(muscle)]
+            blocks = {"rms": self.rms, "mean": self.mean, "largest": self.largest, "time_of_largest": self.largest_time}
+            muscles[muscle] = {
+                "matters_most": [
+                    {"parameter": self.names[i], **{key: float(values[i, j]) for key, values in blocks.items()}}
+                    for i in rows
+                ],
+                "near": float(self.near[j]),
+            }
+        return {"change": self.change, "near_any": self.near_any, "parameters": len(self.names), "muscles": muscles}
 
     def _column(self, muscle: str) -> int:
         if muscle not in self.muscle_names:
@@ -160,6 +177,7 @@ def sensitivity_table(gradient: Gradient, change: float = 0.01) -> SensitivityTa
     near = _near(gradient, scale * change)
     percent = 0.01 * scale
     return SensitivityTable(
+        label=", ".join(Path(str(solution.settings[key])).name for key in ("model", "motion")),
         names=gradient.names,
         muscle_names=solution.muscle_names,
         dof_names=solution.dof_names,
@@ -202,4 +220,9 @@ def kind_and_muscle(name: str, muscles: tuple[str, ...]) -> tuple[str, str]:
 def said(name: str) -> str:
     """A parameter's name in words."""
     kind, slash, muscle = name.partition("/")
-    return f"{muscle}'s {kind.replace('_', ' ')}" if slash else name
+    return f"{kind.replace('_', ' ')} of {muscle}" if slash else name
+
+
+def share(value: float) -> str:
+    """A share in percent, as ``17 %``; never 0 for what is above."""
+    return "under 1 %" if 0 < value < 0.005 else f"{100 * value:.0f} %"

@@ -7,6 +7,8 @@ derivative of the steps themselves, not of the motion that they approximate.
 import numba
 import numpy as np
 
+from mjhcmc.sensitivity import fill_response
+
 _MIN = 1e-15  # mjMINVAL
 
 
@@ -108,3 +110,9 @@ def propagate(Jq, Jv, Ja, Js, Jp, rates, times, h, dq, dv, da):  # type: ignore[
                 dv[i, c] += h * (kv[0, i] + 2.0 * kv[1, i] + 2.0 * kv[2, i] + kv[3, i]) / 6.0
             for m in range(n):
                 da[m, c] += h * (ka[0, m] + 2.0 * ka[1, m] + 2.0 * ka[2, m] + ka[3, m]) / 6.0
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def response_to_reserves(M, D, K, step, n_step, acc, vel, pos):  # type: ignore[no-untyped-def]
+    """Fill acc, vel and pos (nv, nv): how HCMC's correction takes a window's end to answer to reserves."""
+    fill_response(M, D, K, np.empty((M.shape[0], 0)), np.empty((n_step + 1, 0)), step, acc, vel, pos)

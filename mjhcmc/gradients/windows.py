@@ -116,7 +116,16 @@ class _Rows(NamedTuple):
 
 
 def answer(
-    choice: Choice, cost: Cost, nodes: Nodes, k: int, ends: Array, before: Array, wanted: Moved, h: float, side: int
+    choice: Choice,
+    cost: Cost,
+    nodes: Nodes,
+    k: int,
+    ends: Array,
+    before: Array,
+    wanted: Moved,
+    T: Array,
+    turned: Array | float,
+    side: int,
 ) -> Answer:
     """Differentiate a window's choice.
 
@@ -128,7 +137,8 @@ def answer(
         ends: (2 nv + n, n + nv + p) tangents of its end by excitation, by reserve and by parameters at fixed inputs.
         before: (n_muscle, p) tangent of activation at its start.
         wanted: see `Moved`.
-        h: s, the window's length.
+        T: (nv, nv) see the module's docstring.
+        turned: (nv, p) change of T times the reserve.
         side: 1 or -1, the direction of parameters where muscles are about to change.
     """
     B = nodes.B[k]
@@ -136,7 +146,6 @@ def answer(
     Eu, Es, E0 = ends[:, :n], ends[:, n : n + nv], ends[:, n + nv :]
     Rx = -np.hstack([nodes.Jq[k] + np.diag(choice.kp), nodes.Jv[k] + np.diag(choice.kv), nodes.Ja[k]])
     Y = -(Rx @ Es - nodes.Js[k])
-    T = _effective_mass(nodes, k, choice, h) @ Y
     C, C_slopes = _price(nodes, k, cost)
     price = _prices(choice, cost, B, T, C)
     g = cost.w * (choice.activation - cost.a0) + cost.c * choice.activation**2 - B.T @ price
@@ -153,7 +162,7 @@ def answer(
     rows = _Rows(
         (np.hstack([Rx @ Eu, -Y, none]), Rx @ E0 + Rp),
         (np.hstack([Gx @ Eu, Gx @ Es, -B.T]), Gx @ E0 + Gp + (-cost.w * cost.a0_slope)[:, None] * before),
-        (np.hstack([-Cx @ Eu, T - Cx @ Es, -np.diag(C)]), -(Cx @ E0 + Cp)),
+        (np.hstack([-Cx @ Eu, T - Cx @ Es, -np.diag(C)]), turned - (Cx @ E0 + Cp)),
     )
     held = (np.hstack([Eu[2 * nv :], np.zeros((n, 2 * nv))]), E0[2 * nv :])
     state, margin = _states(choice, g / (cost.w + 2 * cost.c * choice.activation), Eu[2 * nv :])
@@ -161,16 +170,6 @@ def answer(
     du, ds = z[:n], z[n : n + nv]
     E = E0 + Eu @ du + Es @ ds
     return Answer(du, ds, Tangent(E[:nv], E[nv : 2 * nv], E[2 * nv :]), margin)
-
-
-def _effective_mass(nodes: Nodes, k: int, choice: Choice, h: float) -> Array:
-    """N of `hcmc`."""
-    nv = len(choice.kp)
-    M = nodes.M[k]
-    D = -M @ nodes.Jv[k]
-    K = -(M @ nodes.Jq[k] + np.einsum("jic,i->jc", nodes.M_slopes[k][:, :, :nv], nodes.qacc[k]))
-    c = 1.0 + choice.kv * h / 2 + choice.kp * h * h / 6
-    return np.asarray((M + h / 2 * D + h * h / 6 * K) / c)
 
 
 def _price(nodes: Nodes, k: int, cost: Cost) -> tuple[Array, Array]:
@@ -219,6 +218,10 @@ def _states(choice: Choice, g: Array, Ga: Array) -> tuple[NDArray[np.intp], Arra
     for which, fixed, verge in ((at_low, _FIXED, _LOW), (at_high, _FIXED, _HIGH), (at_floor, _HELD, _FLOOR)):
         state[which] = np.where(np.abs(g[which]) < _CHANGING, verge, fixed)
         margin[which] = np.abs(g[which])
+    barely = (state == _FREE) & (margin < _CHANGING)
+    state[barely & ((choice.excitation - low) * room < _CHANGING)] = _LOW
+    state[barely & ((high - choice.excitation) * room < _CHANGING)] = _HIGH
+    state[barely & (np.abs(choice.activation - choice.least) < _CHANGING)] = _FLOOR
     state[choice.disabled] = _FIXED
     margin[choice.disabled] = np.inf
     return state, margin
