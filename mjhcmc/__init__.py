@@ -29,6 +29,8 @@ if TYPE_CHECKING:
         SimulationError,
     )
     from mjhcmc.external_loads import ExternalLoads
+    from mjhcmc.gradients.calibration import Calibration, calibrate, calibrate_moments
+    from mjhcmc.gradients.gradient import Gradient, GradientBatch, gradient, gradient_batch
     from mjhcmc.hosted.plant import HillPlant
     from mjhcmc.imposed import Imposed
     from mjhcmc.io.export import export_opensim
@@ -51,12 +53,15 @@ __version__ = "0.1.0"
 
 # Where each public name lives. Imported on first use: MuJoCo and Numba take a second, `mjhcmc --help` should not.
 _HOME = {
+    "Calibration": "gradients.calibration",
     "Detail": "detail",
     "DivergedError": "errors",
     "Emg": "emg",
     "EmgComparison": "emg_comparison",
     "EmgTargets": "emg_targets",
     "ExternalLoads": "external_loads",
+    "Gradient": "gradients.gradient",
+    "GradientBatch": "gradients.gradient",
     "HillPlant": "hosted.plant",
     "Imposed": "imposed",
     "JointMoments": "joint_moments",
@@ -76,10 +81,14 @@ _HOME = {
     "SolveInterrupted": "methods.run",
     "Verdict": "verify",
     "WindowStatus": "solution",
+    "calibrate": "gradients.calibration",
+    "calibrate_moments": "gradients.calibration",
     "check": "model_check.check",
     "cmc": "methods.cmc",
     "compare_emg": "emg_comparison",
     "export_opensim": "io.export",
+    "gradient": "gradients.gradient",
+    "gradient_batch": "gradients.gradient",
     "hcmc": "methods.hcmc",
     "hcmc_batch": "methods.hcmc_batch",
     "joint_angles": "segments",
@@ -90,12 +99,15 @@ _HOME = {
 }
 
 __all__ = [
+    "Calibration",
     "Detail",
     "DivergedError",
     "Emg",
     "EmgComparison",
     "EmgTargets",
     "ExternalLoads",
+    "Gradient",
+    "GradientBatch",
     "HillPlant",
     "Imposed",
     "JointMoments",
@@ -115,10 +127,14 @@ __all__ = [
     "SolveInterrupted",
     "Verdict",
     "WindowStatus",
+    "calibrate",
+    "calibrate_moments",
     "check",
     "cmc",
     "compare_emg",
     "export_opensim",
+    "gradient",
+    "gradient_batch",
     "hcmc",
     "hcmc_batch",
     "joint_angles",

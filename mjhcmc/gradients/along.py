@@ -53,7 +53,7 @@ class Stages:
         Ja: (N, n_step, 4, nv, n_muscle).
         Js: (N, n_step, 4, nv, nv).
         Jp: (N, n_step, 4, nv, p).
-        rates: (N, n_step, 4, n_muscle, 4).
+        rates: (N, n_step, 4, n_muscle, 5).
     """
 
     Jq: Array
@@ -143,8 +143,8 @@ def stages_along(
 
     every = States(*(np.concatenate(group) for group in zip(*kept, strict=True)))
     u = np.tile(excitation, (4 * n_step, 1))
-    slopes = np.empty((*every.activation.shape, 4))
-    activation_slopes(every.activation, u, prm, slopes)
+    slopes = np.empty((*every.activation.shape, 5))
+    activation_slopes(every.activation, u, prm, model.excitation_range, slopes)
     seen, by_position, by_velocity, by_model = looker.around(every, wanted.models)
     Ja, Js, Jp = _answers(model, seen, every.activation, slope(by_model, "qacc"), wanted)
     parts = (slope(by_position, "qacc"), slope(by_velocity, "qacc"), Ja, Js, Jp, slopes)

@@ -10,24 +10,28 @@ import numpy as np
 from mjhcmc.sensitivity import fill_response
 
 _MIN = 1e-15  # mjMINVAL
+_TIED = 1e-9  # of activation: excitation and activation are the same
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def activation_slopes(a, u, prm, slopes):  # type: ignore[no-untyped-def]
-    """Fill slopes (k, n_muscle, 4) of the rate of activation: by a and u (1/s), by tau_act and tau_deact (1/s^2).
+def activation_slopes(a, u, prm, limits, slopes):  # type: ignore[no-untyped-def]
+    """Fill slopes (k, n_muscle, 5) of the rate of activation: by a and u (1/s), by tau_act and tau_deact (1/s^2).
 
-    The derivative of `activation.rate_of`; where u = a, that of falling activation.
+    The derivative of `activation.rate_of`. The last is again that by a, where a follows a change of u: where u = a at a
+    limit of excitation, u can only go away from the limit, and a, by itself, from u. Elsewhere where u = a, the
+    derivative is that of falling activation.
 
     Args:
         a: (k, n_muscle) activation.
         u: (k, n_muscle) excitation.
         prm: (n_muscle, 3) of activation dynamics.
+        limits: (n_muscle, 2) of excitation.
         slopes: filled.
     """
     for s in range(a.shape[0]):
         for i in range(a.shape[1]):
             act, deact, smooth = prm[i, 0], prm[i, 1], prm[i, 2]
-            inside = 1.0 if 0.0 < a[s, i] < 1.0 else 0.0
+            inside = 1.0 if 0.0 <= a[s, i] <= 1.0 else 0.0  # from an end it can only go inside
             effort = 0.5 + 1.5 * min(1.0, max(0.0, a[s, i]))
             rise, fall = act * effort, deact / effort
             rise_slope, fall_slope = 1.5 * act * inside, -1.5 * deact / effort**2 * inside
@@ -47,8 +51,16 @@ def activation_slopes(a, u, prm, slopes):  # type: ignore[no-untyped-def]
             by_gap = (rise - fall) * steep
             slopes[s, i, 0] = -1.0 / tau + by_tau * (fall_slope + (rise_slope - fall_slope) * blend - by_gap)
             slopes[s, i, 1] = 1.0 / tau + by_tau * by_gap
+            slopes[s, i, 4] = slopes[s, i, 0]
             slopes[s, i, 2] = by_tau * effort * blend
             slopes[s, i, 3] = by_tau * (1.0 - blend) / effort
+            if smooth < _MIN and abs(gap) < _TIED:
+                if u[s, i] < limits[i, 0] + _TIED:
+                    slopes[s, i, 0], slopes[s, i, 1] = -1.0 / max(_MIN, fall), 1.0 / max(_MIN, rise)
+                    slopes[s, i, 4] = -slopes[s, i, 1]
+                elif u[s, i] > limits[i, 1] - _TIED:
+                    slopes[s, i, 0], slopes[s, i, 1] = -1.0 / max(_MIN, rise), 1.0 / max(_MIN, fall)
+                    slopes[s, i, 4] = -slopes[s, i, 1]
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -63,7 +75,7 @@ def propagate(Jq, Jv, Ja, Js, Jp, rates, times, h, dq, dv, da):  # type: ignore[
         Ja: (n_step, 4, nv, n) by activation.
         Js: (n_step, 4, nv, nv) 1/(kg m^2), by reserve.
         Jp: (n_step, 4, nv, p) by parameter.
-        rates: (n_step, 4, n, 4) see `activation_slopes`.
+        rates: (n_step, 4, n, 5) see `activation_slopes`.
         times: (p, 2) -1, or the muscle whose tau_act, or tau_deact, the parameter is.
         h: s, physics step.
         dq: (nv, n + nv + p).
@@ -86,7 +98,7 @@ def propagate(Jq, Jv, Ja, Js, Jp, rates, times, h, dq, dv, da):  # type: ignore[
                         v[i] += way * kv[s - 1, i]
                 for m in range(n):
                     a[m] = da[m, c] + (way * ka[s - 1, m] if s > 0 else 0.0)
-                    ka[s, m] = rates[j, s, m, 0] * a[m]
+                    ka[s, m] = rates[j, s, m, 4 if c < n else 0] * a[m]
                 if c < n:
                     ka[s, c] += rates[j, s, c, 1]
                 elif p >= 0:
