@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from mjhcmc.model import MuscleModel
     from mjhcmc.model_check.check import check
     from mjhcmc.motion import Motion
+    from mjhcmc.periodic import fit_harmonics
     from mjhcmc.plant import MujocoPlant
     from mjhcmc.segments import joint_angles, segment_angles
     from mjhcmc.solution import Solution, WindowStatus
@@ -87,6 +88,7 @@ _HOME = {
     "cmc": "methods.cmc",
     "compare_emg": "emg_comparison",
     "export_opensim": "io.export",
+    "fit_harmonics": "periodic",
     "gradient": "gradients.gradient",
     "gradient_batch": "gradients.gradient",
     "hcmc": "methods.hcmc",
@@ -133,6 +135,7 @@ __all__ = [
     "cmc",
     "compare_emg",
     "export_opensim",
+    "fit_harmonics",
     "gradient",
     "gradient_batch",
     "hcmc",
