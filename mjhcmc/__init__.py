@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from mjhcmc.external_loads import ExternalLoads
     from mjhcmc.gradients.calibration import Calibration, calibrate, calibrate_moments
     from mjhcmc.gradients.gradient import Gradient, GradientBatch, gradient, gradient_batch
+    from mjhcmc.gradients.table import sensitivity_table
+    from mjhcmc.gradients.uncertainty import intervals
     from mjhcmc.hosted.plant import HillPlant
     from mjhcmc.imposed import Imposed
     from mjhcmc.io.export import export_opensim
@@ -93,10 +95,12 @@ _HOME = {
     "gradient_batch": "gradients.gradient",
     "hcmc": "methods.hcmc",
     "hcmc_batch": "methods.hcmc_batch",
+    "intervals": "gradients.uncertainty",
     "joint_angles": "segments",
     "replay": "verify",
     "replay_windows": "verify",
     "segment_angles": "segments",
+    "sensitivity_table": "gradients.table",
     "static_optimization": "methods.static_optimization",
 }
 
@@ -140,10 +144,12 @@ __all__ = [
     "gradient_batch",
     "hcmc",
     "hcmc_batch",
+    "intervals",
     "joint_angles",
     "replay",
     "replay_windows",
     "segment_angles",
+    "sensitivity_table",
     "static_optimization",
 ]
 

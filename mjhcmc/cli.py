@@ -1,4 +1,4 @@
-"""The command line: ``mjhcmc solve``, ``reproduce``, ``check`` and ``compare-muscles``.
+"""The command line: ``mjhcmc solve``, ``reproduce``, ``check``, ``sensitivity``, ``engines`` and more.
 
 Exit codes: 0 the verdict holds, 1 it fails, 2 bad input, 130 interrupted. Only what a command needs is imported, when
 it runs, so that ``mjhcmc --help`` is instant.
@@ -19,6 +19,7 @@ from mjhcmc.cli_compare import compare_muscles
 from mjhcmc.cli_emg import emg_command
 from mjhcmc.cli_engines import engines
 from mjhcmc.cli_patients import patients
+from mjhcmc.cli_sensitivity import sensitivity
 from mjhcmc.cli_solve import solve
 from mjhcmc.cli_support import (
     CURVES,
@@ -50,6 +51,7 @@ cli.add_command(compare_muscles)
 cli.add_command(emg_command)
 cli.add_command(engines)
 cli.add_command(patients)
+cli.add_command(sensitivity)
 
 
 @cli.command()

@@ -59,7 +59,7 @@ def with_muscle_parameters(model: MuscleModel, values: Mapping[str, ArrayLike]) 
 
     Raises:
         SettingsError: an unknown name, other than n_muscle values, or one that is not positive (a tendon slack length
-            may be 0).
+            may be anything finite: MuJoCo's default range implies negative ones).
         ModelError: a muscle whose gain is not MuJoCo's muscle's, or numbers that make no muscle.
     """
     rows = {name: _row(model, name, value)[None] for name, value in values.items()}
@@ -133,12 +133,12 @@ def _values(model: MuscleModel, name: str, value: ArrayLike) -> Array:
     array = np.asarray(value, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != model.n_muscle:
         raise SettingsError(f"{name} has shape {array.shape}: give (B, {model.n_muscle}), a row a simulation")
-    bad = np.argwhere(~(np.isfinite(array) & ((array >= 0) if name == SLACK else (array > 0))))
+    bad = np.argwhere(~(np.isfinite(array) & ((array > 0) | (name == SLACK))))
     if len(bad):
         b, k = bad[0]
         raise SettingsError(
             f"{name} of muscle {model.muscle_names[k]!r} is {array[b, k]:g}: give a "
-            + ("number of 0 or more" if name == SLACK else "positive number")
+            + ("finite number" if name == SLACK else "positive number")
         )
     return array
 

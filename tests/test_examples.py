@@ -110,6 +110,11 @@ def test_benchmarks_say_what_they_do(script, monkeypatch, capsys):
         ("patients.py", "patients.md"),
         ("patients_distributions.py", "patients.md"),
         ("patients_inverse.py", "patients.md"),
+        ("engines.py", "engines.md"),
+        ("precision.py", "precision.md"),
+        ("integrators.py", "integrators.md"),
+        ("gradients.py", "gradients.md"),
+        ("sensitivity.py", "sensitivity.md"),
     ],
 )
 def test_documents_have_their_tables(script, document, monkeypatch):
@@ -174,6 +179,20 @@ def test_a_dataset_of_patients(run, monkeypatch):
     assert "pandas: peak torque of 11 trials" in out
     assert re.search(r"^polars(: largest reflex| is not installed)", out, re.MULTILINE)
     assert re.search(r"^datasets(: \d+ rows| is not installed)", out, re.MULTILINE)
+
+
+def test_sensitivity(run):
+    names, out, files = run("10_sensitivity.py")
+    assert {"sensitivity.csv", "sensitivity.png", "intervals.csv", "intervals.png"} <= set(files)
+    assert names["found"].failed == {}
+    assert out.count("least known at") == 8
+
+
+def test_calibration(run):
+    names, out, files = run("11_calibration.py")
+    assert np.abs(names["found"].values / names["true"] - 1).max() < 0.1
+    assert out.count(" N, ") == 8
+    assert not files
 
 
 def test_documents_name_the_distributions_that_are_drawn_from():

@@ -23,7 +23,7 @@ from mjhcmc.solution import Solution
 
 Array = NDArray[np.float64]
 
-_TURNS = 3  # each takes what is left of the reserves' part down to a hundredth
+_TURNS = 2  # each takes what is left of the reserves' part down to a hundredth
 
 
 class Derivatives(NamedTuple):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import mujoco
@@ -88,26 +89,25 @@ class Looker:
             m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         return m
 
-    def look(self, states: States, other: Any = None) -> Look:
-        """See `Look`.
+    @contextmanager
+    def at(self, other: Any) -> Iterator[None]:
+        """Look at another ``MjModel`` of the same structure meanwhile."""
+        self._batch.set_models(self._ready(other))
+        try:
+            yield
+        finally:
+            self._batch.set_models(self._own)
 
-        Args:
-            states: where.
-            other: an ``MjModel`` of the same structure to look at instead.
+    def look(self, states: States) -> Look:
+        """See `Look`.
 
         Raises:
             SimulationError: a limit, contact or other constraint is at work at one of the states.
         """
-        if other is not None:
-            self._batch.set_models(self._ready(other))
-        try:
-            parts = [
-                self._part(States(*(values[first : first + self._size] for values in states)))
-                for first in range(0, len(states.qpos), self._size)
-            ]
-        finally:
-            if other is not None:
-                self._batch.set_models(self._own)
+        parts = [
+            self._part(States(*(values[first : first + self._size] for values in states)))
+            for first in range(0, len(states.qpos), self._size)
+        ]
         return parts[0] if len(parts) == 1 else Look(*(np.concatenate(group) for group in zip(*parts, strict=True)))
 
     def _part(self, states: States) -> Look:
@@ -158,12 +158,11 @@ class Looker:
                 )
             )
         for direction in directions:
-            by_direction.append(
-                (
-                    self.look(states, moved(self.model, direction, STEP)),
-                    self.look(states, moved(self.model, direction, -STEP)),
-                )
-            )
+            sides = []
+            for step in (STEP, -STEP):
+                with self.at(moved(self.model, direction, step)):
+                    sides.append(self.look(states))
+            by_direction.append((sides[0], sides[1]))
         return self.look(states), by_position, by_velocity, by_direction
 
 

@@ -6,8 +6,8 @@ D = -dF/dv and stiffness K = -dF/dq there (see `sensitivity`). Where reserves ar
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+import copy
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from mjhcmc.gradients.along import Nodes, Wanted
 from mjhcmc.gradients.looks import STEP, Looker, States, moved, slope
 from mjhcmc.gradients.tangents import response_to_reserves
 from mjhcmc.model import MuscleModel
-from mjhcmc.muscle_parameters import FORCE_KINDS, muscle_parameters, with_muscle_parameters
+from mjhcmc.muscle_parameters import FORCE_KINDS, muscle_parameters, parameter_fields
 
 Array = NDArray[np.float64]
 
@@ -79,22 +79,27 @@ def by_parameters(model: MuscleModel, states: States, wanted: Wanted, threads: i
         for part, a, b in zip(found, up, down, strict=True):
             part[..., column] = (a - b) / way
 
-    def other(kind: str, i: int, factor: float) -> Around:
-        values = now[kind].copy()
-        values[i] *= factor
-        changed = with_muscle_parameters(model, {kind: values})
-        return look_around(Looker(changed, k, threads), states)
+    looker = Looker(model, k, threads)
+
+    def seen(m: Any) -> Around:
+        with looker.at(m):
+            return look_around(looker, states)
+
+    def other(kind: str, i: int, factor: float) -> Any:
+        values = now[kind][None].copy()
+        values[0, i] *= factor
+        m = copy.copy(model.mj_model)
+        for name, rows in parameter_fields(model, {kind: values}).items():
+            getattr(m, name)[:] = rows[0]
+        return m
 
     for j, kind in enumerate(wanted.kinds):
         if kind in FORCE_KINDS:
             for i in range(n):
-                sides = other(kind, i, 1 + _WAY), other(kind, i, 1 - _WAY)
-                put(j * n + i, *sides, 2 * _WAY * now[kind][i])
+                up, down = (seen(other(kind, i, 1 + side * _WAY)) for side in (1, -1))
+                put(j * n + i, up, down, 2 * _WAY * now[kind][i])
     for j, direction in enumerate(wanted.models):
-        up, down = (
-            look_around(Looker(replace(model, mj_model=moved(model, direction, side * _WAY)), k, threads), states)
-            for side in (1, -1)
-        )
+        up, down = (seen(moved(model, direction, side * _WAY)) for side in (1, -1))
         put(len(wanted.kinds) * n + j, up, down, 2 * _WAY)
     return found
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _AT_BOUND = 1e-9  # of excitation
+_AT_LEAST = 1e-8  # of activation
 _NOTHING = 1e-6  # percentage points per 1 %: what moves less is not named as what matters
 
 
@@ -44,8 +45,9 @@ class SensitivityTable:
         drift: (p, nv) rad or m, root mean square over the nodes of the change of the simulated position: for a
             parameter of the muscles that of the tracking error.
         change: the relative change that `near` is for.
-        near: (n_muscle,) share of the windows in which the muscle may reach or leave a bound, or turn between rising
-            and falling, when one parameter changes by so much: there the table holds for smaller changes only.
+        near: (n_muscle,) share of the windows in which, to first order, the muscle reaches or leaves a bound, or turns
+            between rising and falling, when one of the parameters changes by so much: there the table holds for smaller
+            changes only.
         near_any: the same for any of the muscles.
     """
 
@@ -99,8 +101,8 @@ class SensitivityTable:
         text = "; ".join(parts) or "no parameter moves it"
         if self.near[j]:
             text += (
-                f"; valid nearby only: in {share(self.near[j])} of the windows a change of {100 * self.change:g} % may "
-                "take it to another active set"
+                f"; valid nearby only: in {share(self.near[j])} of the windows a change of {100 * self.change:g} % "
+                "takes it to another active set"
             )
         return f"{muscle}: {text}"
 
@@ -195,16 +197,24 @@ def sensitivity_table(gradient: Gradient, change: float = 0.01) -> SensitivityTa
 
 
 def _near(gradient: Gradient, steps: Array) -> NDArray[np.bool_]:
-    """(N, n_muscle) where a step of one parameter may go beyond the margin.
+    """(N, n_muscle) where a step of one parameter is expected to change what a muscle does.
 
-    A muscle at a bound does not move with the parameters, what it would do without the bound does: that is taken to be
-    as much as what the muscle that moves most does.
+    Between its bounds a muscle has gaps: to either bound, to its least activation, and between excitation and the
+    activation at the window's start, where it turns between rising and falling. The step is held against them to first
+    order. A muscle at a bound does not move with the parameters, what it would do without the bound does: that is taken
+    to be as much as what the muscle that moves most does, and held against the gradient's margin.
     """
-    move = np.abs(gradient.activation[1:] * steps).max(axis=2)
     solution = gradient.solution
-    low, high = (0.0, 1.0) if solution.model is None else solution.model.excitation_range.T
-    bound = (solution.excitation <= low + _AT_BOUND) | (solution.excitation >= high - _AT_BOUND)
-    return np.asarray(gradient.margin <= np.where(bound, move.max(axis=1, keepdims=True), move))
+    low, high = np.array([0.0, 1.0]) if solution.model is None else solution.model.excitation_range.T
+    least = np.asarray(solution.settings.get("min_activation", 0.0), dtype=np.float64)
+    u, a, b = solution.excitation, solution.activation[:-1], solution.activation[1:]
+    du, da, db = (slope * steps for slope in (gradient.excitation, gradient.activation[:-1], gradient.activation[1:]))
+    near = np.zeros(u.shape, dtype=bool)
+    for gap, change in ((u - low, du), (high - u, du), (u - a, du - da), (b - least, db)):
+        near |= (np.abs(change) >= np.abs(gap)[:, :, None]).any(axis=2)
+    bound = (u <= low + _AT_BOUND) | (u >= high - _AT_BOUND) | (b <= least + _AT_LEAST)
+    most = np.abs(db).max(axis=(1, 2))[:, None]
+    return np.asarray(np.where(bound, gradient.margin <= most, near))
 
 
 def _rms(values: Array) -> Array:

@@ -5,6 +5,7 @@ from mjhcmc.plotting.fibers import detail_figure
 from mjhcmc.plotting.figures import convergence_figure, excitation_figure, save_figure
 from mjhcmc.plotting.moments import moment_figure
 from mjhcmc.plotting.residuals import residual_figure
+from mjhcmc.plotting.sensitivity import interval_figure, sensitivity_figure
 from mjhcmc.plotting.tracking import tracking_figure
 
 __all__ = [
@@ -12,8 +13,10 @@ __all__ = [
     "detail_figure",
     "emg_figure",
     "excitation_figure",
+    "interval_figure",
     "moment_figure",
     "residual_figure",
     "save_figure",
+    "sensitivity_figure",
     "tracking_figure",
 ]
