@@ -79,12 +79,13 @@ def cost() -> str:
     """In turns with plain solves: medians of ratios."""
     model = mjhcmc.MuscleModel.load("leg8")
     weak = with_muscle_parameters(model, {FORCE: 0.3 * model.max_isometric_force})
+    fast, slow = (mjhcmc.Motion.cosine(model, movement) for movement in ("fast", "slow"))
     rows = []
     for name, one, motion, kinds in (
-        ("fast, 24 parameters", model, mjhcmc.Motion.cosine(model, "fast"), FORCE_KINDS),
-        ("slow, 24 parameters", model, mjhcmc.Motion.cosine(model, "slow"), FORCE_KINDS),
-        ("fast, 8 parameters", model, mjhcmc.Motion.cosine(model, "fast"), (FORCE,)),
-        ("fast, muscles of .3 strength (reserves carry most), 24", weak, mjhcmc.Motion.cosine(model, "fast"), FORCE_KINDS),
+        ("fast, 24 parameters", model, fast, FORCE_KINDS),
+        ("slow, 24 parameters", model, slow, FORCE_KINDS),
+        ("fast, 8 parameters", model, fast, (FORCE,)),
+        ("fast, muscles of .3 strength (reserves carry most), 24", weak, fast, FORCE_KINDS),
     ):
         calls = {
             "plain": lambda one=one, motion=motion: mjhcmc.hcmc(one, motion),

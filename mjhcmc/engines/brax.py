@@ -9,13 +9,12 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-import numpy as np
-
-from mjhcmc.engines.base import Array, Dynamics, Engine, windows_and_steps
+from mjhcmc.engines.base import Dynamics, Engine
+from mjhcmc.engines.compiled import JaxDynamics
 from mjhcmc.engines.legs import bodies_spec
 
 
-class BraxDynamics:
+class BraxDynamics(JaxDynamics):
     """A brax System, and compiled functions of it."""
 
     def __init__(self, model: Any) -> None:
@@ -26,14 +25,14 @@ class BraxDynamics:
         self.jax = jax
         with jax.enable_x64(True), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that Brax's pipelines are no longer developed: docs/engines.md says so
-            self.system = mjcf.load_model(_as_brax_reads(model))
+            self.model = mjcf.load_model(_as_brax_reads(model))
 
             def everything(sys: Any, q: Any, v: Any, a: Any) -> Any:
                 state = pipeline.init(sys, q, v)
                 bias = dynamics.inverse(sys, state)
                 return state.mass_mx, bias, state.mass_mx @ a + bias
 
-            self._everything = jax.jit(everything)
+            self.everything = jax.jit(everything)
 
             def run(sys: Any, q: Any, v: Any, torques: Any, count: Any) -> Any:
                 def window(state: Any, torque: Any) -> Any:
@@ -42,30 +41,7 @@ class BraxDynamics:
 
                 return jax.lax.scan(window, pipeline.init(sys, q, v), torques)[1]
 
-            self._run = jax.jit(run)
-
-    def mass_matrix(self, q: Array) -> Array:
-        """M, of the pipeline's state."""
-        return self._at(q, 0 * q, 0 * q)[0]
-
-    def bias(self, q: Array, v: Array) -> Array:
-        """By brax.generalized.dynamics.inverse, which takes no acceleration."""
-        return self._at(q, v, 0 * q)[1]
-
-    def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
-        """Brax's mass matrix times a, and its bias."""
-        return self._at(q, v, a)[2]
-
-    def simulate(self, q: Array, v: Array, torques: Array, dt: float, step: float) -> Array:
-        """By pipeline.step: semi-implicit Euler."""
-        with self.jax.enable_x64(True):
-            system = self.system.tree_replace({"opt.timestep": np.float64(step)})
-            nodes = self._run(system, q, v, torques, windows_and_steps(dt, step))
-            return np.vstack([q, np.array(nodes)])
-
-    def _at(self, q: Array, v: Array, a: Array) -> tuple[Array, ...]:
-        with self.jax.enable_x64(True):
-            return tuple(np.array(value) for value in self._everything(self.system, q, v, a))
+            self.run = jax.jit(run)
 
 
 def _as_brax_reads(model: Any) -> Any:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mjhcmc.checks import is_number
 from mjhcmc.errors import SettingsError
 from mjhcmc.gradients.gradient import Gradient
-from mjhcmc.io.files import written_whole
+from mjhcmc.io.files import write_csv
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -154,11 +154,7 @@ class SensitivityTable:
         Raises:
             OutputError: the folder does not exist or cannot be written.
         """
-        path = Path(path)
-        text = self.to_dataframe().to_csv(index=False, lineterminator="\n")
-        with written_whole(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-        return path
+        return write_csv(self.to_dataframe(), Path(path))
 
 
 def sensitivity_table(gradient: Gradient, change: float = 0.01) -> SensitivityTable:

@@ -25,7 +25,7 @@ from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.errors import SettingsError, SimulationError
 from mjhcmc.gradients.gradient import Gradient, gradient
 from mjhcmc.gradients.spread import TYPICAL, Spread, draw_factors, spreads
-from mjhcmc.io.files import written_whole
+from mjhcmc.io.files import write_csv
 from mjhcmc.methods.hcmc_batch import hcmc_batch
 from mjhcmc.methods.run import Progress
 from mjhcmc.model import MuscleModel
@@ -137,11 +137,7 @@ class Intervals:
         Raises:
             OutputError: the folder does not exist or cannot be written.
         """
-        path = Path(path)
-        text = self.to_dataframe().to_csv(index=False, lineterminator="\n")
-        with written_whole(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-        return path
+        return write_csv(self.to_dataframe(), Path(path))
 
     def numbers(self) -> dict[str, Any]:
         """What a person asks for first, for JSON; a number that is none is None."""

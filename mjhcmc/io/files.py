@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from mjhcmc.errors import OutputError
 
@@ -28,3 +29,15 @@ def written_whole(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # never written, or its folder is none: the error above is the one to tell
             temporary.unlink()
+
+
+def write_csv(frame: Any, path: Path) -> Path:
+    """Write a pandas DataFrame without its index, whole or not at all; returns the path.
+
+    Raises:
+        OutputError: as `written_whole`.
+    """
+    text = frame.to_csv(index=False, lineterminator="\n")
+    with written_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
