@@ -84,15 +84,17 @@ def sensitivity(
         raise SettingsError("--samples 1: an interval needs 2 draws or more; 0 leaves it out")
     import mjhcmc
     from mjhcmc.gradients.gradient import gradient
-    from mjhcmc.gradients.spread import TYPICAL, spreads
+    from mjhcmc.gradients.spread import check_draws, spreads, typical
     from mjhcmc.gradients.table import sensitivity_table
     from mjhcmc.gradients.uncertainty import intervals
 
     click.get_current_context().with_resource(engine_notices())
     muscle_model = mjhcmc.MuscleModel.load(model)
     to_follow = _motion(motion, movement, lowpass, muscle_model)
-    spread = {**TYPICAL, **given}
+    spread: dict[str, float] = {}
     if samples:
+        check_draws(samples, seed)
+        spread = {**typical(muscle_model), **given}
         spreads(muscle_model, spread)
     kinds = (*FORCE_KINDS, *(kind for kind in given if kind not in FORCE_KINDS))
     found: Intervals | None = None

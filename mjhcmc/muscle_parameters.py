@@ -42,6 +42,8 @@ def muscle_parameters(model: MuscleModel) -> dict[str, Array]:
     Raises:
         ModelError: a muscle whose gain or bias is not MuJoCo's muscle's.
     """
+    if not isinstance(model, MuscleModel):
+        raise SettingsError(f"muscle parameters are of a MuscleModel; got {type(model).__name__}: use MuscleModel.load")
     _check(model)
     m, i = model.mj_model, model.muscle_ids
     L0 = model.optimal_fiber_length
@@ -62,6 +64,11 @@ def with_muscle_parameters(model: MuscleModel, values: Mapping[str, ArrayLike]) 
             may be anything finite: MuJoCo's default range implies negative ones).
         ModelError: a muscle whose gain is not MuJoCo's muscle's, or numbers that make no muscle.
     """
+    if not isinstance(model, MuscleModel) or not isinstance(values, Mapping):
+        raise SettingsError(
+            "muscle parameters of a MuscleModel are changed by a mapping of kinds to values; got "
+            f"{type(model).__name__} and {type(values).__name__}"
+        )
     rows = {name: _row(model, name, value)[None] for name, value in values.items()}
     if not rows:
         return model
@@ -72,7 +79,7 @@ def with_muscle_parameters(model: MuscleModel, values: Mapping[str, ArrayLike]) 
 
 
 def _row(model: MuscleModel, name: str, value: ArrayLike) -> Array:
-    array = np.asarray(value, dtype=np.float64)
+    array = _array(name, value)
     if array.shape != (model.n_muscle,):
         raise SettingsError(f"{name} must hold {model.n_muscle} numbers, one a muscle; got shape {array.shape}")
     return array
@@ -128,9 +135,16 @@ def _damping(model: MuscleModel, factor: Array) -> Iterator[tuple[str, Array]]:
             yield name, values
 
 
+def _array(name: str, value: ArrayLike) -> Array:
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise SettingsError(f"{name} must hold numbers; got {value!r:.60}") from None
+
+
 def _values(model: MuscleModel, name: str, value: ArrayLike) -> Array:
     check_kinds([name])
-    array = np.asarray(value, dtype=np.float64)
+    array = _array(name, value)
     if array.ndim != 2 or array.shape[1] != model.n_muscle:
         raise SettingsError(f"{name} has shape {array.shape}: give (B, {model.n_muscle}), a row a simulation")
     bad = np.argwhere(~(np.isfinite(array) & ((array > 0) | (name == SLACK))))

@@ -31,6 +31,8 @@ def fit_harmonics(motion: Motion, period: float, harmonics: int, cycles: int | N
         SettingsError: numbers outside their ranges, or more harmonics than samples tell.
         MotionError: a movement shorter than a period, or with quaternions.
     """
+    if not isinstance(motion, Motion):
+        raise SettingsError(f"fit_harmonics takes a Motion; got {type(motion).__name__}")
     if not (is_number(period) and 0 < period < math.inf):
         raise SettingsError(f"period must be a positive number of seconds; got {period!r}")
     for name, value in (("harmonics", harmonics), ("cycles", 1 if cycles is None else cycles)):

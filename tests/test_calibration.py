@@ -6,6 +6,7 @@ from gradient_tools import leg, short
 
 import mjhcmc
 from mjhcmc.gradients.along import damping_of
+from mjhcmc.gradients.calibration import BOUNDS
 from mjhcmc.gradients.looks import Looker, States
 from mjhcmc.muscle_parameters import FIBER, FORCE, SLACK, muscle_force, muscle_parameters, with_muscle_parameters
 
@@ -103,6 +104,19 @@ def test_forces_fibers_and_slack_lengths_from_moments(model):
     assert np.abs(found.values / true - 1)[told].max() < 0.02
 
 
+def test_bounds_and_misfits_are_told(model, monkeypatch):
+    factors, patient = stronger(model, 0)
+    monkeypatch.setitem(BOUNDS, FORCE, (0.95, 1.05))
+    motion = short(model)
+    with pytest.warns(mjhcmc.MjhcmcWarning) as told:
+        found = mjhcmc.calibrate(model, motion, mjhcmc.hcmc(patient, motion).excitation)
+    assert any("at its bound max_isometric_force" in str(one.message) for one in told)
+    assert any("standard deviations of the measurement" in str(one.message) for one in told)
+    assert found.at_bound.sum() >= 4
+    assert not found.identified[found.at_bound].any()
+    assert factors.max() > 1.05
+
+
 def test_what_makes_no_sense_is_refused_before_work(model):
     motion = short(model)
     u = np.zeros((20, 8))
@@ -116,6 +130,9 @@ def test_what_makes_no_sense_is_refused_before_work(model):
         ({"excitations": u, "excitation_sd": -1}, mjhcmc.SettingsError, "excitation_sd"),
         ({"excitations": u, "most_evaluations": 0}, mjhcmc.SettingsError, "most_evaluations"),
         ({"excitations": u, "cost": "stress"}, mjhcmc.SettingsError, "effort, cubic"),
+        ({"excitations": u, "foo": 1}, mjhcmc.SettingsError, "no setting 'foo'"),
+        ({"excitations": "x"}, mjhcmc.SettingsError, "must hold numbers"),
+        ({"excitations": u, "threads": 0}, mjhcmc.SettingsError, "threads"),
     ]
     for arguments, error, told in cases:
         with pytest.raises(error, match=told):
@@ -132,6 +149,8 @@ def test_moments_that_do_not_fit_are_refused(model):
         ({"moments": Q[:, :2]}, "moments has shape"),
         ({"activation": a + 1}, "'iliopsoas' in row 0 is 1.5"),
         ({"moment_sd": 0.0}, "moment_sd"),
+        ({"moment_sd": [1.0, 2.0]}, "moment_sd has shape"),
+        ({"activation": "x"}, "must hold numbers"),
         ({"moments": Q * np.nan}, "0 measured moments"),
         ({"parameters": ("activation_time",)}, "activation_time"),
     ]

@@ -45,6 +45,9 @@ ARM = """
 """
 
 
+pytestmark = pytest.mark.compiled
+
+
 def arm(change=None):
     spec = mujoco.MjSpec.from_string(ARM)
     if change is not None:

@@ -13,7 +13,17 @@ from mjhcmc.gradients.gradient import gradient
 from mjhcmc.gradients.spread import draw_factors
 from mjhcmc.gradients.table import sensitivity_table
 from mjhcmc.gradients.uncertainty import first_order_sd, intervals
-from mjhcmc.muscle_parameters import FIBER, FORCE, FORCE_KINDS, KINDS, RISE, SLACK, muscle_parameters, parameter_fields
+from mjhcmc.muscle_parameters import (
+    FIBER,
+    FORCE,
+    FORCE_KINDS,
+    KINDS,
+    RISE,
+    SLACK,
+    muscle_parameters,
+    parameter_fields,
+    with_muscle_parameters,
+)
 from mjhcmc.plotting import interval_figure, sensitivity_figure
 
 DT, STEP = 0.02, 0.002
@@ -259,8 +269,8 @@ def test_draws_that_fail_are_named_and_left_out(leg8, fast, slopes, drawn, monke
         ({"sd": {FORCE: 0}}, r"no parameter varies"),
         ({"sd": {}}, r"no parameter varies"),
         ({"sd": 0.1}, r"sd must map kinds"),
-        ({"n": 1}, r"n must be a whole number of 2 or more; got 1"),
-        ({"seed": -1}, r"seed must be a whole number of 0 or more; got -1"),
+        ({"n": 1}, r"n must be a whole number from 2 to"),
+        ({"seed": -1}, r"seed must be a whole number from 0 to"),
         ({"levels": (0.9, 0.1)}, r"levels must be two numbers.*0\.9"),
         ({"levels": (0.5,)}, r"levels must be two numbers"),
         ({"correlation": 2}, r"correlation must be a number within 0 \.\. 1; got 2"),
@@ -426,3 +436,16 @@ def test_the_output_folder_must_be_one(run, tmp_path):
     outcome = run("sensitivity", "--out", tmp_path / "file")
     assert outcome.code == 2
     assert "cannot be written" in outcome.errors[0]
+
+
+def test_a_gradient_of_something_else_is_refused(leg8, fast, slopes):
+    other = mjhcmc.Motion(fast.time, 0.5 * fast.qpos, "half")
+    stronger = with_muscle_parameters(leg8, {FORCE: 1.1 * leg8.max_isometric_force})
+    with pytest.raises(mjhcmc.SettingsError, match="another motion or settings"):
+        intervals(leg8, other, {FORCE: 0.01}, 2, first_order=slopes)
+    with pytest.raises(mjhcmc.SettingsError, match="another motion or settings"):
+        intervals(leg8, fast, {FORCE: 0.01}, 2, first_order=slopes, min_activation=0.01)
+    with pytest.raises(mjhcmc.SettingsError, match="other muscles"):
+        intervals(stronger, fast, {FORCE: 0.01}, 2, first_order=slopes)
+    with pytest.raises(mjhcmc.SettingsError, match="a Gradient, True or False"):
+        intervals(leg8, fast, {FORCE: 0.01}, 2, first_order="yes")

@@ -15,6 +15,7 @@ EMG-driven models (Lloyd & Besier 2003, doi 10.1016/S0021-9290(03)00010-1).
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -24,10 +25,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from mjhcmc.checks import is_number
-from mjhcmc.errors import MotionError, SettingsError, SimulationError
+from mjhcmc.errors import MjhcmcWarning, MotionError, SettingsError, SimulationError
 from mjhcmc.gradients.along import damping_of, damping_slopes
 from mjhcmc.gradients.gradient import gradient_batch
 from mjhcmc.gradients.looks import Looker, States
+from mjhcmc.gradients.request import check_offered, check_threads
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
 from mjhcmc.muscle_parameters import (
@@ -50,6 +52,11 @@ BOUNDS = {FORCE: (0.1, 10.0), FIBER: (0.7, 1.4), SLACK: (0.8, 1.25)}
 _OTHER_BOUNDS = (0.2, 5.0)
 _LOST = 100.0  # standard deviations: the residual of parameters under which the model cannot be simulated
 _IDENTIFIED = 0.5  # of the prior's standard deviation
+_SETTLED = 0.1  # standard errors that a parameter may still want to move
+_NEAR_BOUND = 1e-3  # of a logarithm
+_MISFIT = 3.0  # standard deviations: more is left than noise would leave
+_ANEW = 3  # a search that stops short goes on from there, with its trust region as at first
+_CHOICES = ("cost", "weights", "smoothness", "min_activation", "disabled", "emg", "gain", "authority")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +73,8 @@ class Calibration:
         prior: (p,) standard deviation of each over its start, before anything was measured.
         residual: root mean square of what is left, in the unit of what was measured.
         evaluations: times that the model was solved.
-        converged: whether the search came to its end.
+        at_bound: (p,) parameters that would go further than `BOUNDS` lets them.
+        converged: whether no parameter would move on by more than a tenth of its standard error.
         message: how it ended.
     """
 
@@ -78,13 +86,14 @@ class Calibration:
     prior: Array
     residual: float
     evaluations: int
+    at_bound: NDArray[np.bool_]
     converged: bool
     message: str
 
     @property
     def identified(self) -> NDArray[np.bool_]:
-        """(p,) parameters that the data tell: known better than half as well as before."""
-        return np.asarray(self.relative_error < _IDENTIFIED * self.prior)
+        """(p,) parameters that the data tell: twice as well known as before, and within the bounds."""
+        return np.asarray((self.relative_error < _IDENTIFIED * self.prior) & ~self.at_bound)
 
 
 def calibrate(
@@ -122,9 +131,17 @@ def calibrate(
         MotionError: excitations of other size than the movement's windows.
         MjhcmcError: as `gradient`, at the start.
     """
+    check_offered(model, str(choices.get("cost", "effort")))
+    for name in choices:
+        if name not in _CHOICES:
+            raise SettingsError(f"calibrate has no setting {name!r}: beside its own it takes {', '.join(_CHOICES)}")
+    check_threads(threads)
     names, kinds, sds = _parameters(model, parameters, prior)
     moved, count = one_each("motions", motions, Motion, None)
-    given: Sequence[Any] = [excitations] if count is None else list(excitations)  # type: ignore[arg-type]
+    try:
+        given: Sequence[Any] = [excitations] if count is None else list(excitations)  # type: ignore[arg-type]
+    except TypeError:
+        raise SettingsError("excitations must be (N, n_muscle) for each motion") from None
     if len(given) != len(moved):
         raise SettingsError(f"{len(given)} excitations for {len(moved)} motions: give one (N, n_muscle) a motion")
     targets = [_target(model, motion, one, dt, i) for i, (motion, one) in enumerate(zip(moved, given, strict=True))]
@@ -181,14 +198,17 @@ def calibrate_moments(
         MotionError: a time outside the motion.
         SimulationError: a limit, contact or equality is at work.
     """
+    check_offered(model, "effort")
     names, kinds, sds = _parameters(model, parameters, prior)
     for kind in kinds:
         if kind not in FORCE_KINDS:
             told = ", ".join(FORCE_KINDS)
             raise SettingsError(f"moments under known activation do not tell {kind}: choose from {told}")
-    at = motion.sample(np.atleast_1d(np.asarray(time, dtype=np.float64)))
+    if not isinstance(motion, Motion):
+        raise SettingsError(f"calibrate_moments takes a Motion; got {type(motion).__name__}")
+    at = motion.sample(np.atleast_1d(_numbers("time", time)))
     k, n, nv = len(at.time), model.n_muscle, model.nv
-    a, target = (np.asarray(values, dtype=np.float64) for values in (activation, moments))
+    a, target = _numbers("activation", activation), _numbers("moments", moments)
     for name, values, width in (("activation", a, n), ("moments", target, nv)):
         if values.shape != (k, width):
             raise SettingsError(f"{name} has shape {values.shape}: give ({k}, {width}), a row a time")
@@ -197,7 +217,10 @@ def calibrate_moments(
         raise SettingsError(
             f"activation of {model.muscle_names[muscle]!r} in row {row} is {a[row, muscle]:g}: it lies within 0..1"
         )
-    sd = np.broadcast_to(np.asarray(moment_sd, dtype=np.float64), (nv,))
+    sd = _numbers("moment_sd", moment_sd)
+    if sd.ndim and sd.shape != (nv,):
+        raise SettingsError(f"moment_sd has shape {sd.shape}: give one number, or ({nv},)")
+    sd = np.broadcast_to(sd, (nv,))
     if not (np.isfinite(sd).all() and (sd > 0).all()):
         raise SettingsError(f"moment_sd must be positive; got {sd.tolist()}")
     known = np.isfinite(target)
@@ -243,6 +266,13 @@ def _parameters(
     return tuple(f"{kind}/{muscle}" for kind in kinds for muscle in model.muscle_names), kinds, sds
 
 
+def _numbers(name: str, given: ArrayLike) -> Array:
+    try:
+        return np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise SettingsError(f"{name} must hold numbers; got {given!r:.60}") from None
+
+
 def _positive(name: str, value: object) -> None:
     if not (is_number(value) and 0 < float(value) < math.inf):
         raise SettingsError(f"{name} must be a positive number; got {value!r}")
@@ -250,7 +280,7 @@ def _positive(name: str, value: object) -> None:
 
 def _target(model: MuscleModel, motion: Motion, given: ArrayLike, dt: float, i: int) -> Array:
     _positive("dt", dt)
-    target = np.asarray(given, dtype=np.float64)
+    target = _numbers(f"excitations[{i}]", given)
     count = math.floor(motion.duration / dt + 1e-6)
     if target.shape != (count, model.n_muscle):
         raise MotionError(
@@ -312,23 +342,64 @@ def _search(
         return found
 
     limits = np.log([BOUNDS.get(kind, _OTHER_BOUNDS) for kind in kinds for _ in range(model.n_muscle)]).T
-    result = least_squares(
-        lambda x: at(x)[0], np.zeros(p), jac=lambda x: at(x)[1], bounds=limits, x_scale=0.3, max_nfev=most
-    )
-    left, slopes = at(result.x)
-    scatter = max(1.0, float(left @ left) / max(1, len(left) - p))
-    covariance = np.linalg.inv(slopes.T @ slopes) * scatter
+    x = np.zeros(p)
+    for _ in range(_ANEW):
+        result = least_squares(
+            lambda x: at(x)[0], x, jac=lambda x: at(x)[1], bounds=limits, x_scale=0.3, max_nfev=max(1, most - count)
+        )
+        x = result.x
+        left, slopes = at(x)
+        bounded = (x < limits[0] + _NEAR_BOUND) | (x > limits[1] - _NEAR_BOUND)
+        error, settled = _standing(left, slopes, bounded)
+        if settled or count >= most:
+            break
+        x = np.clip(x, limits[0] + _NEAR_BOUND, limits[1] - _NEAR_BOUND)
     start = muscle_parameters(model)
-    values = _values(start, kinds, result.x)
+    values = _values(start, kinds, x)
+    residual = float(np.sqrt(np.mean(left[:-p] ** 2)))
+    _tell(names, bounded, residual)
     return Calibration(
         model=with_muscle_parameters(model, values),
         names=names,
         start=np.concatenate([start[kind] for kind in kinds]),
         values=np.concatenate([values[kind] for kind in kinds]),
-        relative_error=np.sqrt(np.diag(covariance)),
+        relative_error=error,
         prior=prior,
-        residual=float(np.sqrt(np.mean(left[:-p] ** 2))) * unit,
+        residual=residual * unit,
         evaluations=count,
-        converged=bool(result.status > 0),
-        message=str(result.message),
+        at_bound=bounded,
+        converged=settled,
+        message=str(result.message) if settled else "not settled: give more evaluations, or a start that is nearer",
     )
+
+
+def _standing(left: Array, slopes: Array, bounded: NDArray[np.bool_]) -> tuple[Array, bool]:
+    """Standard errors (p,), and whether a Gauss-Newton step would hardly move what may move.
+
+    Args:
+        left: (k,) residuals, the priors' included.
+        slopes: (k, p).
+        bounded: (p,) parameters at a bound.
+    """
+    p = slopes.shape[1]
+    scatter = max(1.0, float(left @ left) / max(1, len(left) - p))
+    error = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)) * scatter)
+    free = ~bounded
+    step = np.linalg.lstsq(slopes[:, free], -left)[0]
+    return error, bool((np.abs(step) < _SETTLED * error[free]).all())
+
+
+def _tell(names: tuple[str, ...], bounded: NDArray[np.bool_], residual: float) -> None:
+    """Warn of what stands in the way of believing the result."""
+    if bounded.any():
+        named = ", ".join(name for name, one in zip(names, bounded, strict=True) if one)
+        warnings.warn(
+            f"calibration: at its bound {named}: start nearer to what it should be", MjhcmcWarning, stacklevel=4
+        )
+    if residual > _MISFIT:
+        warnings.warn(
+            f"calibration: what is left is {residual:.3g} standard deviations of the measurement: something else than "
+            "these parameters is at work, or the search is stuck: start nearer",
+            MjhcmcWarning,
+            stacklevel=4,
+        )

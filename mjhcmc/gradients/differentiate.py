@@ -23,6 +23,7 @@ from mjhcmc.solution import Solution
 
 Array = NDArray[np.float64]
 
+_STATES = 8192
 _TURNS = 2  # each takes what is left of the reserves' part down to a hundredth
 
 
@@ -72,11 +73,11 @@ def differentiate(
     n, nv, p, N = model.n_muscle, model.nv, wanted.count(model), solution.n_window
     step = float(solution.settings["physics_dt"])
     n_step = round(windows.dt / step)
-    looker = Looker(model, 4 * N * n_step, threads)
+    chunk = max(1, _STATES // (4 * n_step))  # windows whose stages are looked at together: bounds memory
+    looker = Looker(model, 4 * min(N, chunk) * n_step, threads)
     before = np.vstack([_first_reserve(looker, windows, solution), solution.reserve])
     nodes = nodes_along(looker, States(solution.qpos, solution.qvel, solution.activation, before), wanted)
     starts = States(solution.qpos[:-1], solution.qvel[:-1], solution.activation[:-1], solution.reserve)
-    stages = stages_along(looker, starts, solution.qpos[1:], solution.excitation, step, n_step, wanted)
     moved = _moved_reference(windows, moves, p)
     rms = windows.rms_qacc
     least = rms, np.einsum("ki,kip->ip", reference.qacc, moved.qacc) / len(reference.qacc) / rms[:, None]
@@ -96,6 +97,10 @@ def differentiate(
         states = States(*(part[at_ends] for part in (solution.qpos, solution.qvel, solution.activation, before)))
         slopes = by_parameters(model, states, wanted, threads)
     for k in range(N):
+        if k % chunk == 0:
+            some = slice(k, k + chunk)
+            ended, u = solution.qpos[1:][some], solution.excitation[some]
+            stages = stages_along(looker, States(*(part[some] for part in starts)), ended, u, step, n_step, wanted)
         missing = reference.qpos[k] - solution.qpos[k], reference.qvel[k] - solution.qvel[k]
         errors = Errors(*missing, moved.qpos[k] - qpos[k], moved.qvel[k] - qvel[k])
         own = gains(nodes, k, errors, (qpos[k], qvel[k]), least, feedback.authority, feedback.gain, windows.dt)
@@ -104,7 +109,7 @@ def differentiate(
             windows.sharing.min_activation, windows.sharing.disabled, solution.reserve[k],
             reference.qvel[k + 1] - solution.qvel[k + 1], reference.qpos[k + 1] - solution.qpos[k + 1], own.kp, own.kv,
         )  # fmt: skip
-        ends = _ends(stages, k, times, step, (qpos[k], qvel[k], activation[k]))
+        ends = _ends(stages, k % chunk, times, step, (qpos[k], qvel[k], activation[k]))
         target = one.Moved(moved.qpos[k + 1], moved.qvel[k + 1], moved.qacc[k + 1], own.kp_slopes, own.kv_slopes)
         cost = _cost(windows, solution, k)
         at = around_node(nodes, k + 1)

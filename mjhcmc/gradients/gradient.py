@@ -20,13 +20,20 @@ from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.errors import MjhcmcError, MjhcmcWarning, SettingsError, SimulationError
 from mjhcmc.gradients.along import Wanted
 from mjhcmc.gradients.differentiate import Feedback, differentiate
-from mjhcmc.gradients.request import check_offered, model_direction, motion_direction, names_of
+from mjhcmc.gradients.request import (
+    check_directions,
+    check_offered,
+    check_threads,
+    model_direction,
+    motion_direction,
+    names_of,
+)
 from mjhcmc.methods.hcmc import Hcmc
 from mjhcmc.methods.run import run_together
 from mjhcmc.methods.windows import Windows, prepare
 from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
-from mjhcmc.muscle_parameters import FORCE_KINDS, check_kinds
+from mjhcmc.muscle_parameters import FORCE_KINDS, TIME_KINDS, check_kinds
 from mjhcmc.notices import each_notice_once
 from mjhcmc.solution import Solution
 from mjhcmc.solution_batch import one_each
@@ -36,6 +43,8 @@ Array = NDArray[np.float64]
 
 TRIALS, TOLERANCE = 30, 1e-6
 """Of HCMC's converged answer: corrections of a window at most, and what of the acceleration may be missed."""
+
+_TIED = 1e-9  # of activation
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +76,8 @@ class Gradient:
 
     @property
     def relative(self) -> Array:
-        """(N, n_muscle, p) change of excitation with a relative change of each parameter; directions as they are."""
-        return np.asarray(self.excitation * np.where(np.isnan(self.values), 1.0, self.values))
+        """(N, n_muscle, p) change of excitation with a relative growth of each parameter; directions as they are."""
+        return np.asarray(self.excitation * np.where(np.isnan(self.values), 1.0, np.abs(self.values)))
 
     def of(self, name: str) -> Array:
         """(N, n_muscle) d u/d one parameter.
@@ -122,8 +131,9 @@ def gradient(
         model_directions: by name, changes of fields of ``MjModel``, such as ``{"shank": {"body_mass": dm}}``: the
             derivative is that along the change. Times of activation dynamics have kinds of their own.
         motion_directions: by name, changes (T, nq) of the motion's samples, rad or m.
-        side: 1 or -1: where a muscle is just about to change what it does, the derivative for growing or falling
-            parameters.
+        side: 1 or -1: where a muscle is just about to leave a bound or to meet it, the derivative for growing or
+            falling parameters. Where excitation equals activation between the bounds, as in a posture that is held, a
+            warning tells that the derivative is that of falling activation.
         cost: ``"effort"`` or ``"cubic"``.
         weights: see there.
         smoothness: see there.
@@ -257,7 +267,13 @@ class _Asked:
     def __post_init__(self) -> None:
         if self.side not in (1, -1):
             raise SettingsError(f"side must be 1 or -1; got {self.side!r}")
+        if isinstance(self.parameters, str) or not isinstance(self.parameters, Sequence):
+            raise SettingsError(
+                f"parameters must be a sequence of kinds, such as {FORCE_KINDS}; got {self.parameters!r}"
+            )
         check_kinds(self.parameters)
+        check_directions("model_directions", self.models)
+        check_directions("motion_directions", self.motions)
         if not (len(self.parameters) or self.models or self.motions):
             raise SettingsError("there is nothing to differentiate by: name parameters, or give directions")
 
@@ -274,6 +290,12 @@ def _gradients(
     **choices: Any,
 ) -> tuple[list[Gradient | None], dict[int, MjhcmcError]]:
     """The gradients, None where one failed, and why."""
+    check_threads(threads)
+    if choices["emg"] is not None and set(asked.parameters) & set(TIME_KINDS):
+        raise SettingsError(
+            "emg is followed through the muscles' activation dynamics, whose times have no gradient with it: leave "
+            f"{' and '.join(TIME_KINDS)} out of parameters, or emg"
+        )
     errors: dict[int, MjhcmcError] = {}
     ready: dict[int, tuple[Windows, Wanted, list[Array]]] = {}
     told: set[str] = set()
@@ -283,6 +305,7 @@ def _gradients(
             changes = tuple(model_direction(model, name, d) for name, d in asked.models.items())
             wanted = Wanted(tuple(asked.parameters), changes, len(asked.motions))
             moves = [motion_direction(motion, name, d) for name, d in asked.motions.items()]
+            names_of(model, wanted, [*asked.models], [*asked.motions])
             with each_notice_once(told):
                 ready[i] = prepare(model, motion, dt, physics_dt, *start, **choices), wanted, moves
         except MjhcmcError as error:
@@ -297,12 +320,33 @@ def _gradients(
         if isinstance(outcome, SimulationError):
             errors[i] = outcome
             continue
+        _tell_ties(outcome, windows)
         names, values = names_of(windows.model, wanted, [*asked.models], [*asked.motions])
         feedback = Feedback(asked.gain, asked.authority, given)
         try:
             parts = differentiate(windows, outcome, wanted, moves, feedback, asked.side, threads)
-        except SimulationError as error:
+        except MjhcmcError as error:
             errors[i] = error
             continue
         found[i] = Gradient(outcome, names, values, *parts)
     return found, errors
+
+
+def _tell_ties(solution: Solution, windows: Windows) -> None:
+    """Warn of windows in which excitation equals activation between its bounds: neither rising nor falling.
+
+    One that holds the least activation stays as it is.
+    """
+    model, u = windows.model, solution.excitation
+    low, high = model.excitation_range.T
+    tied = (np.abs(u - solution.activation[:-1]) < _TIED) & (u > low + _TIED) & (u < high - _TIED)
+    tied &= solution.activation[1:] > windows.sharing.min_activation + _TIED
+    if tied.any():
+        k, i = np.argwhere(tied)[0]
+        warnings.warn(
+            f"in {int(tied.any(axis=1).sum())} windows an excitation equals the activation, first that of "
+            f"{model.muscle_names[i]!r} at {solution.time[k]:.4g} s: the derivative there is that of falling "
+            "activation (growing activation answers faster)",
+            MjhcmcWarning,
+            stacklevel=4,
+        )

@@ -122,8 +122,8 @@ class Looker:
                 f"{name} {value:.4g}" for name, value in zip(self.model.joint_names, states.qpos[at], strict=True)
             )
             raise SimulationError(
-                f"a limit, contact or equality of model {self.model.name!r} is at work ({place}): a gradient needs a "
-                "motion away from them"
+                f"a limit, contact, friction or equality of model {self.model.name!r} is at work ({place}): a gradient "
+                "needs a motion away from them"
             )
         model = self.model
         M, R = np.empty((k, model.nv, model.nv)), np.empty((k, model.n_muscle, model.nv))

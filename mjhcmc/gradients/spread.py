@@ -11,12 +11,13 @@ r correlates the factors that all muscles of one kind of parameter have.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjhcmc.errors import SettingsError
+from mjhcmc.errors import MjhcmcWarning, SettingsError
 from mjhcmc.model import MuscleModel
 from mjhcmc.muscle_parameters import FIBER, FORCE, KINDS, SLACK, check_kinds, muscle_parameters
 from mjhcmc.sharing import by_muscle
@@ -26,6 +27,32 @@ Spread = float | Mapping[str, float] | ArrayLike
 
 TYPICAL: Mapping[str, float] = {FORCE: 0.1, FIBER: 0.05, SLACK: 0.02}
 """Relative standard deviations where none are given. Chosen here, to show the method; give your own."""
+
+
+def typical(model: MuscleModel) -> dict[str, float]:
+    """`TYPICAL` for a model: without tendon slack lengths where MuJoCo's ranges imply negative ones, with a warning.
+
+    Raises:
+        ModelError: muscles that are not MuJoCo's.
+    """
+    found, slack = dict(TYPICAL), muscle_parameters(model)[SLACK]
+    if (slack < 0).any():
+        del found[SLACK]
+        j = int(np.argmax(slack < 0))
+        warnings.warn(
+            f"{SLACK} of {model.muscle_names[j]} is {slack[j]:g} m in model {model.name!r}, which has no relative "
+            "spread: it is taken as known",
+            MjhcmcWarning,
+            stacklevel=3,
+        )
+    return found
+
+
+def check_draws(n: int, seed: int) -> None:
+    """Refuse numbers of draws below 2, and seeds that are none."""
+    for name, value, least in (("n", n, 2), ("seed", seed, 0)):
+        if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not least <= value < 2**63:
+            raise SettingsError(f"{name} must be a whole number from {least} to 2^63 - 1; got {value!r}")
 
 
 def spreads(model: MuscleModel, sd: Mapping[str, Spread]) -> tuple[tuple[str, ...], Array]:
@@ -63,7 +90,7 @@ def spreads(model: MuscleModel, sd: Mapping[str, Spread]) -> tuple[tuple[str, ..
         j = int(np.argmax((slack < 0) & (rows[SLACK] > 0)))
         raise SettingsError(
             f"{SLACK} of {model.muscle_names[j]} is {slack[j]:g} m in model {model.name!r}, which has no relative "
-            "spread: leave it out of sd"
+            "spread: leave it out, or give it sd 0"
         )
     return tuple(rows), np.stack(list(rows.values()))
 
@@ -88,9 +115,7 @@ def draw_factors(spread: Array, kinds: Sequence[str], n: int, seed: int = 0, cor
     from scipy.special import ndtri
 
     check_kinds(kinds)
-    for name, value, least in (("n", n, 2), ("seed", seed, 0)):
-        if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not least <= value < 2**63:
-            raise SettingsError(f"{name} must be a whole number of {least} or more; got {value!r}")
+    check_draws(n, seed)
     n_muscle = spread.shape[1]
     uniform = np.empty((n, len(KINDS), 1 + n_muscle))
     for i in range(n):

@@ -24,7 +24,7 @@ from mjhcmc.checks import is_number
 from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.errors import SettingsError, SimulationError
 from mjhcmc.gradients.gradient import Gradient, gradient
-from mjhcmc.gradients.spread import TYPICAL, Spread, draw_factors, spreads
+from mjhcmc.gradients.spread import Spread, draw_factors, spreads, typical
 from mjhcmc.io.files import write_csv
 from mjhcmc.methods.hcmc_batch import hcmc_batch
 from mjhcmc.methods.run import Progress
@@ -235,7 +235,7 @@ def intervals(
             below 2, or a gradient of something else; else as `hcmc_batch` and `gradient`.
         MjhcmcError: as `hcmc_batch`; where fewer than two draws can be solved, the first one's.
     """
-    kinds, spread = spreads(model, TYPICAL if sd is None else sd)
+    kinds, spread = spreads(model, typical(model) if sd is None else sd)
     low, high = _levels(levels)
     if not (is_number(correlation) and 0 <= correlation <= 1):
         raise SettingsError(f"correlation must be a number within 0 .. 1; got {correlation!r}")
@@ -252,6 +252,8 @@ def intervals(
     linear: Gradient | None = None
     if isinstance(first_order, Gradient):
         linear = first_order
+    elif not isinstance(first_order, bool):
+        raise SettingsError(f"first_order must be a Gradient, True or False; got {first_order!r:.60}")
     elif first_order:
         linear = gradient(model, motion, **start, **choices, parameters=kinds, threads=threads or 1)
     if linear is not None:
@@ -268,7 +270,7 @@ def intervals(
     excitation = np.stack([solution.excitation for solution in solutions])
     one = solutions[0]
     if linear is not None and not _alike(linear.solution, one):
-        raise SettingsError("first_order is the gradient of another motion or window: leave it out, or give the same")
+        raise SettingsError("first_order is the gradient of another motion or settings: leave it out, or give the same")
     lower, middle, upper = np.quantile(excitation, (low, 0.5, high), axis=0)
     bottom, top = model.excitation_range.T
     at_bound = (excitation <= bottom + _AT_BOUND) | (excitation >= top - _AT_BOUND)
@@ -321,10 +323,18 @@ def _check_gradient(found: Gradient, kinds: Sequence[str], model: MuscleModel) -
     missing = [f"{k}/{m}" for k in kinds for m in model.muscle_names if f"{k}/{m}" not in found.names]
     if missing:
         raise SettingsError(f"first_order lacks the parameter {missing[0]!r}: give a gradient by {', '.join(kinds)}")
+    now = muscle_parameters(model)
+    own = np.concatenate([[found.values[found.names.index(f"{k}/{m}")] for m in model.muscle_names] for k in kinds])
+    if not np.array_equal(own, np.concatenate([now[kind] for kind in kinds])):
+        raise SettingsError("first_order is the gradient of a model with other muscles: leave it out, or give the same")
 
 
 def _alike(one: Solution, other: Solution) -> bool:
-    return one.time.shape == other.time.shape and bool(np.allclose(one.time, other.time))
+    if one.qpos_desired.shape != other.qpos_desired.shape:
+        return False
+    keys = set(one.settings) - {"trials", "tolerance"}  # converged, and nearly so
+    same = all(str(one.settings[key]) == str(other.settings.get(key)) for key in keys)
+    return same and bool(np.allclose(one.time, other.time)) and np.array_equal(one.qpos_desired, other.qpos_desired)
 
 
 def _reserve_share(solution: Solution) -> float:
