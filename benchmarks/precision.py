@@ -17,7 +17,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 from _markdown import ROOT, digits, grid, main, save_png
-from _precision_hcmc import NUDGE, amplification, hcmc_curves, hcmc_share, nudged, shares
+from _precision_hcmc import NUDGE, Share, amplification, hcmc_curves, hcmc_share, nudged, shares
 from _timing import alternate, figure, machine
 from numpy.typing import NDArray
 
@@ -40,6 +40,7 @@ ROUNDED = {"float64": (FLOAT, 512), "longdouble": (LONGDOUBLE, 64), "113 bits": 
 COST_BITS = (53, QUADRUPLE_BITS, 168, 334, 666)  # the last three are 50, 100 and 200 digits
 ACTIVATION_WINDOW = 0.01
 ACTIVATION_STEPS = (1, 2, 4, 10, 20, 40, 100)
+SMALL = 10  # times: what is called far below, and no part worth naming
 LEVELS = np.linspace(0.0, 1.0, 11)
 TAU = (0.01, 0.04)  # s, leg8's
 
@@ -265,31 +266,67 @@ def answers() -> str:
         for make in (scalars.mpmath, scalars.flint_arb)
     ]
     slow, fast = (x for x in shares() if x.asked == 1.0 and x.window == 10.0)
+    halved = tuple(x for x in shares() if x.asked == 1.0 and x.window == 5.0)
     kind = f"{LONGDOUBLE.bits} bits ({LONGDOUBLE.digits} decimal digits)"
     kind += ", the 80-bit format of x87" if LONGDOUBLE.bits == 64 else ""
     worst = max(a for pair in nudged().values() for a in pair)
+    grown = floor * worst  # what the muscle-driven leg makes of float64's rounding
+    calls = ": most of the time goes into Python's calls" if max(digit) < 1 else ""
     points = [
-        f"**Would float128 or mpmath help? No.** At a step of {milliseconds(STEPS[at]):g} ms RK4's truncation error is "
-        f"{error:.1e} deg and MuJoCo's rounding error {noise:.1e} deg, {error / noise:.0e} times smaller. 113 bits "
-        f"leave truncation as it is and bring rounding to at most {np.max(found.rounding['113 bits']):.0e} deg.",
+        f"**Would float128 or mpmath help? {_helps(error, noise)}** At a step of {milliseconds(STEPS[at]):g} ms RK4's "
+        f"truncation error is {error:.1e} deg and MuJoCo's rounding error {noise:.1e} deg, {_times(error, noise)}. 113 "
+        f"bits leave truncation as it is and bring rounding to at most {np.max(found.rounding['113 bits']):.0e} deg.",
         f"**Where rounding would begin to matter:** at a step of {1e3 * crossing:.0f} µs, where truncation falls to "
-        f"float64's floor of {floor:.0e} deg; the default step is {1 / crossing:.0f} times that. The tracking error of "
-        f"HCMC at the default step and dt 10 ms is {slow.tracking:.1e} deg (slow) and {fast.tracking:.1e} deg (fast): "
-        f"it comes from the control window. What integration leaves in the motion is {slow.integration:.1e} and "
-        f"{fast.integration:.1e} deg. A smaller dt helps, more digits do not.",
+        f"float64's floor of {floor:.0e} deg; the default step is {1 / crossing:.0f} times that. The tracking error "
+        f"of HCMC at the default step and dt 10 ms is {slow.tracking:.1e} deg (slow) and {fast.tracking:.1e} deg "
+        f"(fast), what integration leaves in the motion {slow.integration:.1e} and {fast.integration:.1e} deg. "
+        f"{_source((slow, fast), halved, error > SMALL * noise)}",
         f"**What it costs:** an RK4 step in 113 bits takes {figure(mp)} (mpmath) or {figure(arb)} (python-flint) times "
         f"Python's float64, which takes {figure(one / took['MuJoCo'])} times MuJoCo's (which also computes the "
         f"muscles' paths). From 50 to 200 digits each further digit costs {digit[0]:.2f} % (mpmath) or "
-        f"{digit[1]:.2f} % (python-flint): most of the time goes into Python's calls.",
+        f"{digit[1]:.2f} % (python-flint){calls}.",
         f"**Which is which:** numpy.longdouble has {kind} here; NumPy's float128 is the same, padded to 128 bits. IEEE "
         "binary128 (113 bits, C's _Float128) has no NumPy type: mpmath with 113 bits rounds as it does.",
         f"**Do muscles amplify rounding?** A difference of {NUDGE:g} rad at the start grows at most {figure(worst)} "
-        "times (last table), so what is said of the torque-driven leg holds for the muscle-driven one.",
+        f"times (last table): of float64's floor that makes {grown:.0e} deg, "
+        f"{_carries(grown, min(slow.integration, fast.integration))} for the muscle-driven one.",
     ]
     return "### The answers\n\n" + "\n".join(
         textwrap.fill(f"- {point}", 120, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
         for point in points
     )
+
+
+def _helps(error: float, noise: float) -> str:
+    if error > SMALL * noise:
+        return "No."
+    return "Yes: rounding is the larger part." if noise > error else "A little: rounding is a part of the error."
+
+
+def _times(error: float, noise: float) -> str:
+    return f"{error / noise:.0e} times smaller" if noise < error else f"{noise / error:.0e} times larger"
+
+
+def _source(now: tuple[Share, ...], halved: tuple[Share, ...], bare: bool) -> str:
+    """Where HCMC's tracking error comes from: from dt where integration is little of it and half of dt makes it less.
+
+    bare: rounding is far below truncation.
+    """
+    share = max(x.integration / x.tracking for x in now)
+    if share * SMALL >= 1:
+        return f"Integration is up to {100 * share:.2g} % of the tracking error: a smaller physics step helps first."
+    gain = min(x.tracking / y.tracking for x, y in zip(now, halved, strict=True))
+    if gain < 2:
+        return f"Half of dt makes the tracking error {figure(gain)} times smaller only: it is not dt that makes it."
+    more = "more digits do not" if bare else "and so may more digits"
+    return f"Half of dt makes the tracking error at least {figure(gain)} times smaller: a smaller dt helps, {more}."
+
+
+def _carries(grown: float, least: float) -> str:
+    """Whether rounding stays small beside what integration leaves in the muscle-driven motion; both in deg."""
+    if grown * SMALL < least:
+        return f"far below the {least:.0e} deg that integration leaves. What is said of the torque-driven leg holds"
+    return f"not far below the {least:.0e} deg that integration leaves. What is said of the torque-driven leg fails"
 
 
 def figures(folder: Path) -> None:

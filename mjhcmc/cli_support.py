@@ -60,6 +60,7 @@ _IN_OPTIONS: tuple[tuple[re.Pattern[str], str], ...] = tuple(
         (_word("angle_unit"), "--unit"),
         (_word("column_map"), "--map"),
         (_word("joint_moments"), "--moments"),
+        (r"(?<!the )\bintegrator[= ]'(\w+)'", r"--integrator \1"),
         (_word("lowpass_hz"), "--lowpass"),
         (_word("min_activation"), "--min-activation"),
         (_word("physics_dt"), "--physics-dt"),

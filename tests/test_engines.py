@@ -12,7 +12,7 @@ import mjhcmc
 from mjhcmc.engines import mujoco as reference
 from mjhcmc.engines.base import TOLERANCE
 from mjhcmc.engines.cases import QUANTITIES, WINDOW, case_of
-from mjhcmc.engines.compare import STEP, differences, forward_error
+from mjhcmc.engines.compare import STEP, compare, differences, forward_error
 from mjhcmc.engines.legs import LEGS, bodies_of, leg
 from mjhcmc.engines.registry import all_engines, engines_named
 from mjhcmc.engines.urdf import matrix_of, roll_pitch_yaw, urdf_of, write_urdf
@@ -20,6 +20,8 @@ from mjhcmc.engines.urdf import matrix_of, roll_pitch_yaw, urdf_of, write_urdf
 ENGINES = {engine.key: engine for engine in all_engines() if engine.load is not None}
 ORDERS = {"mujoco": 4, "drake": 3, "dart": 1, "bullet": 1, "pinocchio": 4, "casadi": 4, "opensim": 4}
 # MuJoCo in JAX and in Warp, and Brax, take up to a minute to compile a simulation: benchmarks/engines.py runs theirs
+COMPILED = ("brax", "mjx")
+# what JAX compiles takes seconds a leg: the oblique one, on which every number counts
 
 
 def loaded(key, case):
@@ -38,6 +40,8 @@ def case(request):
 
 @pytest.mark.parametrize("key", ENGINES)
 def test_engines_compute_what_mujoco_does(key, case):
+    if key in COMPILED and case.name != "oblique":
+        pytest.skip("the oblique leg is enough: compiling takes seconds")
     engine, dynamics = loaded(key, case)
     for quantity, value in differences(dynamics, case).items():
         assert value <= TOLERANCE[engine.precision], quantity
@@ -49,6 +53,7 @@ def test_integrators_converge_on_the_reference_at_their_order(key, case):
     _, dynamics = loaded(key, case)
     coarse, fine = forward_error(dynamics, case, 2 * STEP), forward_error(dynamics, case, STEP)
     assert np.log2(coarse / fine) == pytest.approx(ORDERS[key], abs=0.1)
+    assert ENGINES[key].order == ORDERS[key]
     # semi-implicit Euler runs half a step ahead, h/2 |q'|; as much again for what the motion makes of it
     speed = np.abs(np.diff(case.nodes, axis=0)).max() / WINDOW
     assert fine < (np.rad2deg(STEP * speed) if ORDERS[key] == 1 else 1e-5)
@@ -100,6 +105,69 @@ def test_engines_that_drop_off_diagonal_inertia_would_be_seen():
         spec_like.body_inertia[b] = np.diag(turn @ np.diag(model.body_inertia[b]) @ turn.T)
         spec_like.body_iquat[b] = [1, 0, 0, 0]
     assert differences(reference.load(spec_like), case)["mass_matrix"] > 1e-3
+
+
+def test_inverse_dynamics_are_without_the_forces_of_joint_limits(case):
+    # What stops a joint at its limit is no part of M a + bias; mj_inverse adds it unless told otherwise.
+    own, q = reference.load(case.model), case.model.jnt_range[:, 1] + 0.2
+    v, a = np.array([1.0, -2.0, 3.0]), np.array([10.0, 20.0, -30.0])
+    expected = own.mass_matrix(q) @ a + own.bias(q, v)
+    np.testing.assert_allclose(own.inverse_dynamics(q, v, a), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def hinges(n, *, names=(), limits=None):
+    """A chain of unlike rods on oblique hinges."""
+    spec, rng = mujoco.MjSpec(), np.random.default_rng(3)
+    spec.compiler.degree = False
+    body = spec.worldbody
+    for i in range(n):
+        body = body.add_body(pos=[0, 0, -0.3 if i else 0])
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.04, 0, 0], fromto=[0, 0, 0, 0.05, 0, -0.3])
+        joint = body.add_joint(axis=rng.normal(size=3), name=names[i] if i < len(names) else "", damping=1.0)
+        if limits:
+            joint.limited, joint.range = True, limits
+    return spec.compile()
+
+
+def test_another_tree_of_hinges_is_a_leg_too():
+    found = compare(
+        engines_named(["pinocchio", "drake"]), states=3, legs=(), models={"five": hinges(5, limits=[-2, 0])}
+    )
+    assert found.passed
+    own = found.rows[0].legs["five"]
+    assert own.forward_order == pytest.approx(4, abs=0.1)
+    case = case_of("five", 20, 0, bodies_of(hinges(5, limits=[-2, 0]), limits=False))
+    for angles in (case.q, case.nodes):  # the ranges count, though nothing holds the joints there
+        assert angles.min() > -2
+        assert angles.max() < 0
+    assert not case.model.jnt_limited.any()
+
+
+def test_a_balanced_hinge_has_no_bias_to_be_relative_to():
+    ball = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint name="a" axis="0 1 0"/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    case = case_of("ball", 5, 0, bodies_of(ball, limits=False))
+    assert case.expected["bias"].max() == 0
+    assert max(differences(reference.load(case.model), case).values()) == 0
+
+
+def test_a_motion_that_steps_cannot_follow_is_refused():
+    with pytest.raises(mjhcmc.SimulationError, match=r"model 'ten'.* differ by .* deg"):
+        compare(engines_named(["mujoco"]), states=1, legs=(), models={"ten": hinges(10, limits=[0, 3])})
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"legs": ("foo",)}, "no leg 'foo': the legs are leg8, oblique"),
+        ({"legs": ()}, "no leg to compare"),
+        ({"models": {"leg8": None}}, "two legs are called 'leg8'"),
+    ],
+)
+def test_legs_that_cannot_be_compared_are_named(given, words):
+    with pytest.raises(mjhcmc.SettingsError, match=words):
+        compare(engines_named(["mujoco"]), states=1, **given)
 
 
 def test_motions_stay_within_the_joints_ranges(case):
@@ -179,10 +247,38 @@ def test_what_urdf_cannot_say_is_refused_by_name(tmp_path):
         write_urdf(leg("leg8"), tmp_path / "nowhere" / "leg.urdf")
 
 
+def test_names_are_made_up_that_nothing_else_has():
+    model = hinges(4, names=["joint_1", "", "joint_3", ""])
+    names = [bodies_of(model).joint(j).name for j in range(4)]
+    assert names[::2] == ["joint_1", "joint_3"]
+    assert len(set(names)) == 4
+    read = mujoco.MjModel.from_xml_string(urdf_of(model))
+    assert [read.joint(j).name for j in range(4)] == names
+    welded = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body name="body_2"><joint name="body_2__weld"/><geom size=".1"/>'
+        '<body><geom size=".1" pos="0 0 1"/></body></body></worldbody></mujoco>'
+    )
+    text = urdf_of(welded)
+    for name in ("body_2", "body_2_", "body_2__weld", "body_2__weld_"):
+        assert text.count(f'link name="{name}"') + text.count(f'joint name="{name}"') == 1
+
+
+def test_models_that_have_no_hinge_or_cannot_be_compiled_are_refused_in_a_line():
+    still = mujoco.MjModel.from_xml_string('<mujoco model="rock"><worldbody><geom size="1"/></worldbody></mujoco>')
+    with pytest.raises(mjhcmc.ModelError, match="model 'rock' has no joint"):
+        urdf_of(still)
+    broken = leg("leg8")
+    broken.jnt_axis[0] = 0.0
+    with pytest.raises(mjhcmc.ModelError, match="leg8") as stop:
+        bodies_of(broken)
+    assert "\n" not in str(stop.value)
+
+
 def test_engines_are_listed_as_in_the_paper():
     titles = [engine.title for engine in all_engines()]
     assert titles[:7] == ["MuJoCo", "Dojo", "Brax", "RaiSim", "Drake", "DART", "Bullet"]
     assert [engine.key for engine in engines_named(["dart"])] == ["mujoco", "dart"]
     for engine in all_engines():
         assert engine.load is not None or "it takes" in engine.missing, engine.title
+        assert (engine.load is None) == (engine.order == 0), engine.title
     assert QUANTITIES == ("mass_matrix", "bias", "inverse_dynamics")

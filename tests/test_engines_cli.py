@@ -31,10 +31,11 @@ def bare(monkeypatch):
 def plant(monkeypatch):
     """Put an engine of our making where Drake stands."""
 
-    def put(load):
+    def put(load, **about):
         from mjhcmc.engines import drake
 
-        monkeypatch.setattr(drake, "ENGINE", dataclasses.replace(own.ENGINE, title="Planted", key="planted", load=load))
+        planted = dataclasses.replace(own.ENGINE, title="Planted", key="planted", load=load, **about)
+        monkeypatch.setattr(drake, "ENGINE", planted)
 
     return put
 
@@ -56,8 +57,8 @@ def test_rows_of_what_is_missing_stay_with_their_remedy(run, bare):
         missing = [line for line in lines if line.startswith(f"{engine.title:<12} not installed: ")]
         assert len(missing) == (engine.key != "mujoco")
         assert all(engine.install in line and len(line) > 40 for line in missing)
-    assert "every installed engine agrees" in outcome.out
-    assert outcome.err == ""
+    assert lines[-1] == "no other engine is installed: nothing was compared"
+    assert outcome.err == "MuJoCo ...\n"
 
 
 def test_json_is_one_object_whatever_engines_print(run, bare, plant):
@@ -69,10 +70,12 @@ def test_json_is_one_object_whatever_engines_print(run, bare, plant):
     plant(loud)
     outcome = run("engines", "--states", 2, "--json")
     assert outcome.code == 0
+    assert outcome.err == ""
     assert outcome.out.count("\n") == 1
     found = json.loads(outcome.out)
     rows = {row["key"]: row for row in found["engines"]}
     assert found["passed"] is True
+    assert found["compared"] == 1
     assert rows["planted"]["status"] == "agrees"
     assert rows["brax"]["status"] == "not installed"
     assert rows["brax"]["install"].startswith("pip install")
@@ -89,6 +92,15 @@ def test_a_wrong_engine_is_found(run, bare, plant):
         assert word in why
 
 
+def test_quiet_leaves_the_exit_code(run, bare, plant):
+    def broken(model):
+        raise RuntimeError("no")
+
+    plant(broken)
+    outcome = run("engines", "--states", 1, "--only", "planted", "--quiet")
+    assert (outcome.code, outcome.out, outcome.err) == (1, "", "")
+
+
 def test_an_engine_that_moves_another_model_is_found(run, bare, plant):
     class Still(own.MujocoDynamics):
         def simulate(self, q, v, torques, dt, step):
@@ -98,6 +110,57 @@ def test_an_engine_that_moves_another_model_is_found(run, bare, plant):
     outcome = run("engines", "--states", 1, "--only", "planted", "--json")
     assert outcome.code == 1
     assert "deg off over a second" in json.loads(outcome.out)["engines"][1]["reason"]
+
+
+class Euler(own.MujocoDynamics):
+    """Steps as a first-order method does."""
+
+    def simulate(self, q, v, torques, dt, step):
+        model, count = self.model, round(dt / step)
+        model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_EULER, step
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:], nodes = q, v, [np.array(q)]
+        for torque in torques:
+            data.qfrc_applied[:] = torque
+            mujoco.mj_step(model, data, count)
+            nodes.append(np.array(data.qpos))
+        return np.array(nodes)
+
+
+def euler(model):
+    return Euler(copy.copy(model))
+
+
+@pytest.mark.parametrize(
+    ("about", "words"),
+    [
+        ({}, ("0.11 deg off over a second, 0.0001 allowed", "of order 1.00, RK4 is of order 4")),
+        ({"order": 3}, ("0.11 deg off over a second, 0.0001 allowed", "of order 1.00, RK4 is of order 3")),
+        ({"precision": "float32"}, ("0.11 deg off over a second, 0.001 allowed",)),
+    ],
+)
+def test_an_engine_that_steps_by_another_method_than_it_says_is_found(run, bare, plant, about, words):
+    plant(euler, **about)
+    outcome = run("engines", "--states", 1, "--only", "planted", "--json")
+    assert outcome.code == 1
+    row = json.loads(outcome.out)["engines"][1]
+    assert row["status"] == "disagrees"
+    for word in words:
+        assert word in row["reason"]
+
+
+def test_an_engine_that_says_that_it_steps_by_euler_agrees(run, bare, plant):
+    plant(euler, order=1, integrator="Euler")
+    outcome = run("engines", "--states", 1, "--only", "planted")
+    assert outcome.code == 0, outcome.out
+    assert outcome.out.splitlines()[-1] == "every installed engine agrees"
+    assert outcome.err == "MuJoCo ...\nPlanted ...\n"
+
+
+def test_an_engine_of_a_better_order_than_it_says_is_not_the_one_it_says(run, bare, plant):
+    plant(own.load, order=1, integrator="Euler")
+    outcome = run("engines", "--states", 1, "--only", "planted", "--json")
+    assert "of order 4.00, Euler is of order 1" in json.loads(outcome.out)["engines"][1]["reason"]
 
 
 def test_an_engine_that_gives_nan_does_not_agree(run, bare, plant):
@@ -133,6 +196,11 @@ def test_an_engine_that_fails_says_so_in_a_line_and_the_others_run(run, bare, pl
         (("--seed", "-1"), ("--seed", "-1 is not in the range x>=0")),
         (("--urdf", "leg.urdf", "--model", "nothing"), ("no model 'nothing'", "oblique")),
         (("--urdf", "leg.urdf", "--model", "leg8_gait"), ("pelvis_tx", "slide")),
+        (("--urdf", "leg.urdf", "--only", "drake"), ("--only", "--urdf compares nothing")),
+        (("--urdf", "leg.urdf", "--states", "100"), ("--states", "--urdf compares nothing")),
+        (("--model", "nothing"), ("no model 'nothing'",)),
+        (("--model", "leg8"), ("--model leg8", "compared anyway")),
+        (("--model", "leg8_gait"), ("pelvis_tx", "slide")),
         (("--urdf", "no/leg.urdf"), ("no folder no",)),
     ],
 )
@@ -159,6 +227,19 @@ def test_urdf_is_written(run, tmp_path):
     q = np.array([0.1, -0.2, 0.3])
     expected = own.load(leg("oblique")).mass_matrix(q)
     np.testing.assert_allclose(own.load(read).mass_matrix(q), expected, atol=1e-12)
+
+
+def test_a_model_of_ones_own_is_a_further_leg(run, bare, plant, tmp_path):
+    path = tmp_path / "my_arm.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="up"><joint name="joint_1" axis=".2 1 .1" range="-90 90" damping=".5"/>'
+        '<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".04"/><body pos="0 0 -.3"><joint axis="0 1 .1"/>'
+        '<geom type="capsule" fromto="0 0 0 0 0 -.25" size=".03"/></body></body></worldbody></mujoco>'
+    )
+    plant(own.load)
+    outcome = run("engines", "--states", 2, "--model", path, "--only", "planted")
+    assert outcome.code == 0, outcome.err
+    assert sum(line.split()[0] == "my_arm" for line in outcome.out.splitlines() if line) == 2
 
 
 def test_the_document_has_a_row_for_every_engine(monkeypatch):

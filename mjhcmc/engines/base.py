@@ -18,6 +18,19 @@ Array = NDArray[np.float64]
 TOLERANCE = {"float64": 1e-9, "float32": 1e-4}
 """Largest difference from MuJoCo, relative to the largest value, by an engine's precision."""
 
+FORWARD_LIMIT = {1: 0.5, 2: 1e-2, 3: 1e-4, 4: 1e-4}
+"""deg, of the angles over a second in steps of 1 ms, by the order of the method.
+
+First-order methods err by .1 on the legs here, RK3 by 3e-6, fourth-order ones by 1e-8: each limit is well above its own
+and far below that of the order before, so that no method passes for a better one.
+"""
+
+SINGLE_LIMIT = 1e-3
+"""deg, likewise in single precision, where no order can be measured: rounding makes 1e-4, a first-order method .1."""
+
+ORDER_TOLERANCE = 0.2
+"""How far the order found by halving the step may be off."""
+
 
 class Dynamics(Protocol):
     """A model inside an engine. Coordinates are in the order of MuJoCo's qpos; SI units, rad."""
@@ -57,6 +70,7 @@ class Engine:
         requirement: what pip installs; empty where pip cannot.
         precision: "float64" or "float32", of what it computes here.
         integrator: what `Dynamics.simulate` steps with.
+        order: of that; 0 where this project has no adapter.
         reads: how the model gets there.
         load: a model with hinges only inside the engine; None where this project has no adapter.
         missing: why there is no adapter, and what it would take; empty where there is one.
@@ -69,6 +83,7 @@ class Engine:
     requirement: str = ""
     precision: str = "float64"
     integrator: str = ""
+    order: int = 0
     reads: str = ""
     load: Callable[[Any], Dynamics] | None = None
     missing: str = ""
@@ -85,6 +100,12 @@ class Engine:
         if found is None:
             return f"the package '{self.module}' is not installed"
         return ""
+
+    @property
+    def forward_limit(self) -> float:
+        """deg, what `FORWARD_LIMIT` or `SINGLE_LIMIT` allows it."""
+        limit = FORWARD_LIMIT[self.order]
+        return max(limit, SINGLE_LIMIT) if self.precision == "float32" else limit
 
     @property
     def install(self) -> str:

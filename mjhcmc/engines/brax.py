@@ -66,6 +66,6 @@ def load(model: Any) -> Dynamics:
 
 
 ENGINE = Engine(
-    "Brax", "brax", "brax", "brax>=0.14.2", integrator="semi-implicit Euler of its generalized pipeline",
+    "Brax", "brax", "brax", "brax>=0.14.2", integrator="semi-implicit Euler of its generalized pipeline", order=1,
     reads="MjModel", load=load,
 )  # fmt: skip

@@ -80,6 +80,6 @@ def load(model: Any) -> Dynamics:
 
 
 ENGINE = Engine(
-    "Bullet", "bullet", "pybullet", "pybullet>=3.2.7", integrator="semi-implicit Euler of its multibody world",
+    "Bullet", "bullet", "pybullet", "pybullet>=3.2.7", integrator="semi-implicit Euler of its multibody world", order=1,
     reads="URDF", load=load,
 )  # fmt: skip

@@ -67,6 +67,6 @@ def load(model: Any) -> Dynamics:
 
 
 ENGINE = Engine(
-    "CasADi", "casadi", "casadi", "casadi>=3.6.5", integrator="its fixed-step rk (RK4)",
+    "CasADi", "casadi", "casadi", "casadi>=3.6.5", integrator="its fixed-step rk (RK4)", order=4,
     reads="mjhcmc.exact in symbols", load=load,
 )  # fmt: skip

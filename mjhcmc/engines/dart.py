@@ -68,5 +68,6 @@ def load(model: Any) -> Dynamics:
 
 
 ENGINE = Engine(
-    "DART", "dart", "dartpy", "dartpy>=6.16.2", integrator="semi-implicit Euler of its World", reads="URDF", load=load
-)
+    "DART", "dart", "dartpy", "dartpy>=6.16.2", integrator="semi-implicit Euler of its World", order=1,
+    reads="URDF", load=load,
+)  # fmt: skip

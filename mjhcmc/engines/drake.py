@@ -92,6 +92,7 @@ ENGINE = Engine(
     "pydrake",
     "drake>=1.40",
     integrator="RK3 of its Simulator, fixed steps",
+    order=3,
     reads="URDF",
     load=load,
     distribution="drake",

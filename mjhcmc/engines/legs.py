@@ -4,7 +4,7 @@ A planar leg forgives much: with all axes along y only one number of each inerti
 others is tested. The oblique leg has leg8's masses, lengths and order of size, and nothing parallel to anything.
 
 Both are bodies and hinges only. Muscles, joint damping and armature are taken away: other engines have no such muscles,
-and read damping and armature each in a way of its own. Gravity stays.
+and read damping and armature each in a way of its own. Gravity stays. Any other model is taken likewise.
 """
 
 from __future__ import annotations
@@ -81,27 +81,62 @@ def oblique_leg() -> Any:
     return spec.compile()
 
 
-def bodies_of(model: Any) -> Any:
+def bodies_of(model: Any, *, limits: bool = True) -> Any:
     """The bodies and hinges of a model: without muscles, tendons, geoms, constraints, joint damping and armature.
 
     Args:
         model: MjModel whose joints are hinges, one a body at most.
+        limits: whether joints keep their limits; their ranges stay, nothing holds them. MuJoCo ignores limits here,
+            other engines stop there.
 
     Raises:
-        ModelError: a joint that is no hinge, a body with several, or a hinge whose zero is not its reference pose.
+        ModelError: no joint, a joint that is no hinge, a body with several, a hinge whose zero is not its reference
+            pose, or what MuJoCo cannot compile.
     """
-    return bodies_spec(model).compile()
+    spec = bodies_spec(model)
+    if not limits:
+        for joint in spec.joints:
+            joint.limited = False
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise ModelError(f"model '{title_of(model)}' as bodies and hinges: {' '.join(str(error).split())}") from error
+
+
+def title_of(model: Any) -> str:
+    """What a compiled model is called."""
+    return str(model.names[: model.names.index(b"\0")].decode()) or "model"
+
+
+def body_names(model: Any) -> list[str]:
+    """(nbody,) of bodies, the world first; what has no name gets one that no other has."""
+    return ["world", *_filled([str(model.body(b).name) for b in range(1, model.nbody)], "body", 1)]
+
+
+def joint_names(model: Any) -> list[str]:
+    """(njnt,) of joints; what has no name gets one that no other has."""
+    return _filled([str(model.joint(j).name) for j in range(model.njnt)], "joint", 0)
+
+
+def apart(name: str, taken: set[str]) -> str:
+    """A name that is not taken, which it is from now on: this one, or with underlines at its end."""
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
 
 
 def check_hinges(model: Any) -> None:
     """Refuse what a tree of hinges has no place for; raises as `bodies_of`."""
     import mujoco
 
+    if not model.njnt:
+        raise ModelError(f"model '{title_of(model)}' has no joint, engines are given hinges: give a body one")
     for j in range(model.njnt):
         name = model.joint(j).name or f"joint {j}"
         if model.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE:
             kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
-            raise ModelError(f"joint '{name}' is a {kind}, engines are given hinges only: use a model such as leg8")
+            raise ModelError(f"joint '{name}' is a {kind} joint, engines are given hinges only: take it out")
         if model.qpos0[j] != 0.0:
             raise ModelError(f"joint '{name}' has ref {model.qpos0[j]:g} rad, which no URDF can say: set ref to 0")
     for b in np.flatnonzero(model.body_jntnum > 1):
@@ -109,30 +144,38 @@ def check_hinges(model: Any) -> None:
 
 
 def bodies_spec(model: Any) -> mujoco.MjSpec:
-    """`bodies_of` before it is compiled; raises likewise."""
+    """`bodies_of` before it is compiled; raises likewise. Joint limits stay, but MuJoCo's constraint forces are off."""
     import mujoco
 
     check_hinges(model)
     spec = mujoco.MjSpec()
-    spec.modelname = model.names[: model.names.index(b"\0")].decode() or "model"
+    spec.modelname = title_of(model)
     spec.compiler.degree = False
     spec.compiler.balanceinertia = False
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.timestep = 0.001
     spec.option.gravity = model.opt.gravity
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)  # mj_inverse adds the forces of limits
+    bodies, joints = body_names(model), joint_names(model)
     made = {0: spec.worldbody}
     for b in range(1, model.nbody):
-        body = made[b] = made[int(model.body_parentid[b])].add_body(name=model.body(b).name or f"body_{b}")
+        body = made[b] = made[int(model.body_parentid[b])].add_body(name=bodies[b])
         body.pos, body.quat = model.body_pos[b], model.body_quat[b]
         body.explicitinertial = True
         body.mass = float(model.body_mass[b])
         body.ipos, body.iquat, body.inertia = model.body_ipos[b], model.body_iquat[b], model.body_inertia[b]
         for j in range(int(model.body_jntadr[b]), int(model.body_jntadr[b]) + int(model.body_jntnum[b])):
-            joint = body.add_joint(name=model.joint(j).name or f"joint_{j}")
+            joint = body.add_joint(name=joints[j])
             joint.axis, joint.pos = model.jnt_axis[j], model.jnt_pos[j]
             joint.limited = bool(model.jnt_limited[j])
             joint.range = model.jnt_range[j]
     return spec
+
+
+def _filled(names: list[str], stem: str, first: int) -> list[str]:
+    """What has no name is called by its number, counted from `first`."""
+    taken = {"world", *names}
+    return [name or apart(f"{stem}_{number}", taken) for number, name in enumerate(names, first)]
 
 
 def _leg8() -> Any:

@@ -43,6 +43,6 @@ def load(model: Any) -> Dynamics:
 
 
 ENGINE = Engine(
-    "MJX", "mjx", "mujoco.mjx", "mujoco-mjx>=3.17,<4", integrator="RK4, compiled by JAX", reads="MjModel", load=load,
-    distribution="mujoco-mjx",
+    "MJX", "mjx", "mujoco.mjx", "mujoco-mjx>=3.17,<4", integrator="RK4, compiled by JAX", order=4,
+    reads="MjModel", load=load, distribution="mujoco-mjx",
 )  # fmt: skip

@@ -59,4 +59,4 @@ def load(model: Any) -> Dynamics:
     return MujocoDynamics(copy.copy(model))
 
 
-ENGINE = Engine("MuJoCo", "mujoco", "mujoco", "mujoco>=3.17,<4", integrator="RK4", reads="MjModel", load=load)
+ENGINE = Engine("MuJoCo", "mujoco", "mujoco", "mujoco>=3.17,<4", integrator="RK4", order=4, reads="MjModel", load=load)

@@ -142,5 +142,5 @@ def load(model: Any) -> Dynamics:
 
 ENGINE = Engine(
     "OpenSim", "opensim", "opensim", "opensim>=4.6", integrator="Runge-Kutta-Merson of its Manager, fixed steps",
-    reads="its API", load=load,
+    order=4, reads="its API", load=load,
 )  # fmt: skip

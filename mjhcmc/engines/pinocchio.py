@@ -76,6 +76,7 @@ ENGINE = Engine(
     "pinocchio",
     "pin>=3.3",
     integrator="our RK4 over its aba (it has no integrator)",
+    order=4,
     reads="URDF",
     load=load,
     distribution="pin",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from mjhcmc.engines.base import TOLERANCE
+from mjhcmc.engines.base import FORWARD_LIMIT, ORDER_TOLERANCE, SINGLE_LIMIT, TOLERANCE
 from mjhcmc.engines.cases import QUANTITIES
-from mjhcmc.engines.compare import FORWARD_LIMIT, STEP, Comparison, EngineResult
+from mjhcmc.engines.compare import STEP, Comparison, EngineResult
 
 _WIDTHS = (12, 8, 8, 8, 8, 8, 8, 10, 9, 9, 8, 6)
 _HEADER = ("engine", "version", "computes", "leg", "M", "bias", "tau", "", "call us", "step us", "1 s deg", "order")
+_LEG = _HEADER.index("leg")
 
 
 def screen(comparison: Comparison) -> str:
@@ -15,7 +16,9 @@ def screen(comparison: Comparison) -> str:
     ran = [row for row in comparison.rows if row.legs]
     failed = [row for row in comparison.rows if row.status == "failed"]
     missing = [row for row in comparison.rows if row.status == "not installed"]
-    lines = [_line(_HEADER), *(line for row in ran for line in _rows(row))]
+    widths = list(_WIDTHS)
+    widths[_LEG] = max([_WIDTHS[_LEG], *(len(leg) for row in ran for leg in row.legs)])
+    lines = [_line(cells, widths) for cells in (_HEADER, *(cells for row in ran for cells in _rows(row)))]
     lines += ["", *(f"{row.engine.title:<12} from {row.engine.reads}, by {row.engine.integrator}" for row in ran)]
     wrong = [row for row in ran if row.status == "disagrees"] + failed
     if wrong:
@@ -25,7 +28,7 @@ def screen(comparison: Comparison) -> str:
     return "\n".join([*lines, "", _legend(comparison)])
 
 
-def _rows(row: EngineResult) -> list[str]:
+def _rows(row: EngineResult) -> list[tuple[str, ...]]:
     out = []
     for i, (leg, result) in enumerate(row.legs.items()):
         about = (row.engine.title, row.version, row.engine.precision) if i == 0 else ("", "", "")
@@ -35,12 +38,12 @@ def _rows(row: EngineResult) -> list[str]:
             row.status if i == 0 else "", f"{result.call_us:.1f}", f"{result.step_us:.1f}",
             f"{result.forward_error_deg:.1e}", order,
         )  # fmt: skip
-        out.append(_line(cells))
+        out.append(cells)
     return out
 
 
-def _line(cells: tuple[str, ...]) -> str:
-    return " ".join(f"{cell:<{width}}" for cell, width in zip(cells, _WIDTHS, strict=True)).rstrip()
+def _line(cells: tuple[str, ...], widths: list[int]) -> str:
+    return " ".join(f"{cell:<{width}}" for cell, width in zip(cells, widths, strict=True)).rstrip()
 
 
 def _remedy(row: EngineResult) -> str:
@@ -54,7 +57,21 @@ def _legend(comparison: Comparison) -> str:
         f"{count}; M, bias, tau: largest difference from MuJoCo by the largest value;\n"
         f"{limits} allowed\n"
         "call: one inverse dynamics through Python, median\n"
-        f"1 s: a torque-driven second in steps of {1e3 * STEP:g} ms, largest angle error ({FORWARD_LIMIT:g} allowed); "
-        "order: from halving the step\n"
-        f"{'every installed engine agrees' if comparison.passed else 'not every installed engine agrees'}"
+        f"1 s: a torque-driven second in steps of {1e3 * STEP:g} ms, largest angle error; order: by halving them\n"
+        f"{_orders(comparison)}\n{_verdict(comparison)}"
     )
+
+
+def _orders(comparison: Comparison) -> str:
+    engines = [row.engine for row in comparison.rows if row.legs]
+    limits = [f"{FORWARD_LIMIT[order]:g} at order {order}" for order in sorted({engine.order for engine in engines})]
+    limits += [f"{SINGLE_LIMIT:g} in float32"] * any(engine.precision == "float32" for engine in engines)
+    return f"{', '.join(limits)} allowed; an order is to be within {ORDER_TOLERANCE:g} of its method's"
+
+
+def _verdict(comparison: Comparison) -> str:
+    if not comparison.passed:
+        return "not every installed engine agrees"
+    if not comparison.compared:
+        return "no other engine is installed: nothing was compared"
+    return "every installed engine agrees"

@@ -17,8 +17,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from mjhcmc.engines.legs import check_hinges
-from mjhcmc.errors import ModelError
+from mjhcmc.engines.legs import apart, body_names, check_hinges, joint_names, title_of
 from mjhcmc.io.files import written_whole
 
 Array = NDArray[np.float64]
@@ -39,21 +38,18 @@ def urdf_of(model: Any) -> str:
         model: MjModel whose joints are hinges, one a body at most.
 
     Raises:
-        ModelError: a joint that is no hinge, a body with several, a hinge whose zero is not its reference pose, or a
-            name that two bodies or joints share.
+        ModelError: no joint, a joint that is no hinge, a body with several, or a hinge whose zero is not its reference
+            pose.
     """
     check_hinges(model)
-    names = ["world", *(model.body(b).name or f"body_{b}" for b in range(1, model.nbody))]
-    joints = [model.joint(j).name or f"joint_{j}" for j in range(model.njnt)]
-    _refuse_doubles("body", names)
+    names, joints = body_names(model), joint_names(model)
     parts = [f"  <link name={quoteattr(names[0])}/>"]
-    welds = [f"{name}_weld" for name in names]
-    _refuse_doubles("joint", joints + [welds[b] for b in range(1, model.nbody) if not model.body_jntnum[b]])
+    taken = set(joints)
+    welds = [apart(f"{name}_weld", taken) for name in names]
     for b in range(1, model.nbody):
         parent = int(model.body_parentid[b])
         parts += [_link(model, b, names[b]), _joint(model, b, joints, welds[b], names[parent], names[b])]
-    title = model.names[: model.names.index(b"\0")].decode() or "model"
-    return "\n".join(['<?xml version="1.0"?>', f"<robot name={quoteattr(title)}>", *parts, "</robot>", ""])
+    return "\n".join(['<?xml version="1.0"?>', f"<robot name={quoteattr(title_of(model))}>", *parts, "</robot>", ""])
 
 
 def write_urdf(model: Any, path: Path) -> Path:
@@ -135,9 +131,3 @@ def _joint(model: Any, body: int, joints: list[str], weld: str, parent: str, chi
 
 def _text(vector: Array) -> str:
     return " ".join(repr(float(value) + 0.0) for value in vector)
-
-
-def _refuse_doubles(kind: str, names: list[str]) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            raise ModelError(f"{kind} '{name}' is there {names.count(name)} times, URDF needs names apart: rename one")

@@ -74,6 +74,6 @@ def load(model: Any) -> Dynamics:
 
 
 ENGINE = Engine(
-    "MuJoCo Warp", "mujoco-warp", "mujoco_warp", "mujoco-warp>=3.17,<4", precision="float32", integrator="RK4",
+    "MuJoCo Warp", "mujoco-warp", "mujoco_warp", "mujoco-warp>=3.17,<4", precision="float32", integrator="RK4", order=4,
     reads="MjModel", load=load, distribution="mujoco-warp",
 )  # fmt: skip
