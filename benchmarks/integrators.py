@@ -1,9 +1,9 @@
-"""HCMC under each of MuJoCo's integrators: errors against time, what the design is worth, stiff models, as Markdown.
+"""HCMC under each of MuJoCo's integrators: errors against time, what the design is worth, a walk, stiff models.
 
     python benchmarks/integrators.py [--write [DOCUMENT]]
 
 --write replaces the tables in docs/integrators.md (or DOCUMENT) and draws integrators.png beside it. The last table
-needs the `myo-sim` package.
+needs the `myo-sim` package, the walk the trial (shared/walk) beside the checkout.
 """
 
 from __future__ import annotations
@@ -52,6 +52,7 @@ class Case:
         cpu: s, median.
         over_bare: of the same steps by mj_step alone, medians of CPU time.
         passed: the verdict.
+        own: (nv,) deg, the verdict's `integrator_error`; empty under RK4.
         problem: what the refusal says.
     """
 
@@ -64,6 +65,7 @@ class Case:
     cpu: float = 0.0
     over_bare: float = 0.0
     passed: bool = False
+    own: tuple[float, ...] = ()
     problem: str = ""
 
 
@@ -90,6 +92,11 @@ def worst(solution: mjhcmc.Solution, after: float = 0.0) -> tuple[float, ...]:
     return tuple(np.rad2deg(np.abs(solution.tracking_error[late]).max(axis=0)).tolist())
 
 
+def own_error(solution: mjhcmc.Solution) -> tuple[float, ...]:
+    """Deg, what windows miss continuous time by; nothing under RK4."""
+    return tuple(np.rad2deg(solution.verdict.integrator_error or ()).tolist())
+
+
 @cache
 def cases(movement: str) -> tuple[Case, ...]:
     """All integrators at all steps."""
@@ -110,7 +117,7 @@ def cases(movement: str) -> tuple[Case, ...]:
             found.append(Case(
                 name, step, solution.settings["physics_dt"], worst(solution), float(np.abs(solution.reserve).max()),
                 float(np.abs(solution.activation - reference).max()), ours, ours / bare,
-                solution.verdict.passed,
+                solution.verdict.passed, own_error(solution),
             ))  # fmt: skip
     return tuple(found)
 
@@ -120,31 +127,37 @@ def table(movement: str) -> str:
     for case in cases(movement):
         asked = f"{1e3 * case.asked:g}"
         if not case.used:
-            rows.append((case.name, asked, "refused", *[""] * 7))
+            rows.append((case.name, asked, "refused", *[""] * 8))
             continue
         used = asked if case.used == case.asked else f"{1e3 * case.used:.3g} (diverged above)"
         rows.append((
             case.name, asked, used, *(digits(value, 2) for value in case.error), f"{case.reserve:.0e}",
-            digits(case.muscles, 2), f"{1e3 * case.cpu:.0f}", f"{case.over_bare:.1f}",
+            digits(case.muscles, 2), " / ".join(digits(value, 2) for value in case.own),
+            f"{1e3 * case.cpu:.0f}", f"{case.over_bare:.1f}",
             "passed" if case.passed else "failed",
         ))  # fmt: skip
     header = (
         "integrator", "physics step, ms", "used, ms", *(f"{joint}, deg" for joint in JOINTS), "peak reserve, N m",
-        "muscles off RK4's", "solve, ms of CPU", "over bare stepping", "verdict",
+        "muscles off RK4's", "own error, deg", "solve, ms of CPU", "over bare stepping", "verdict",
     )  # fmt: skip
     return f"**{movement}**, windows of {1e3 * DT:g} ms\n\n{grid(header, rows)}"
 
 
 def order() -> str:
-    """How fast muscles near RK4's, in words."""
-    parts = []
+    """How fast muscles near RK4's, and how far they are beside RK4's own error, in words."""
+    parts, times = [], []
     for movement in MOVEMENTS:
         for name in ("euler", "implicit", "implicitfast"):
             own = [c for c in cases(movement) if c.name == name and c.used == c.asked]
             pair = [c.muscles for c in own if c.asked in STEPS[-2:]]
             if len(pair) == 2:
                 parts.append(f"{np.log2(pair[0] / pair[1]):.2f} ({name}, {movement})")
-    return f"Order at which activations near RK4's, from 1 to .5 ms: {', '.join(parts)}."
+        at = {c.name: c.muscles for c in cases(movement) if c.asked == c.used == STEPS[2]}
+        times += [off / at["rk4"] for name, off in at.items() if name != "rk4"]
+    return (
+        f"Order at which activations near RK4's, from 1 to .5 ms: {', '.join(parts)}.\n\n"
+        f"At 1 ms the others' activations are {min(times):.0f} to {max(times):.0f} times as far off as RK4's own."
+    )
 
 
 @contextmanager
@@ -225,6 +238,80 @@ def recovery() -> str:
     return grid(header, rows)
 
 
+def roots() -> str:
+    """Of the sampled error, in words: what dividing the gains is for."""
+    import inspect
+
+    gain = float(inspect.signature(mjhcmc.hcmc).parameters["gain"].default)
+    x, y = 2 * gain * (1 - gain / 6), gain**2
+    found = []
+    for r, divisor in ((0.0, 1.0), (1.0, 1 + x / 2 + y / 6), (1.0, 1.0)):
+        u, w = x / divisor, y / divisor
+        a = 1 + (1 - r) * u / 2 + (1 - r**2) * w / 6
+        z = np.roots([a, w - 2 * a + u, a - u])
+        found.append(" and ".join(f"{abs(root):.2g}" for root in np.sort_complex(z)))
+    return (
+        f"At the default `gain` of {gain:g} the roots of the sampled error are {found[0]} in size under RK4, "
+        f"{found[1]} with a first-order integrator at one step a window, and would be {found[2]} there with RK4's "
+        "gains."
+    )
+
+
+WALK_SPAN, WALK_DT = (0.6, 1.0), 0.005
+WALK_CASES = (
+    ("rk4", 0.001), ("rk4", 0.0025), ("euler", 0.001), ("implicitfast", 0.001), ("implicitfast", 0.0025),
+    ("implicitfast", 0.005),
+)  # fmt: skip
+
+
+def walk() -> str:
+    """The measured walk: muscles and moments against RK4's, what ties miss, and what is told."""
+    from _walk_cases import SMOOTH, WALK, model, of_joints
+
+    from mjhcmc.external_loads import ExternalLoads
+
+    if not WALK.is_dir():
+        return "Left out: the trial (shared/walk) was not beside the checkout."
+    rows = []
+    for moving in (False, True):
+        own = model(moving_knee=moving)
+        loads = ExternalLoads.from_file(WALK / "subject01_walk_grf.xml", own, osim=WALK / "subject01.osim")
+        move = mjhcmc.Motion.from_file(WALK / SMOOTH, own, start=WALK_SPAN[0], end=WALK_SPAN[1])
+
+        def run(name: str, step: float) -> mjhcmc.Solution:
+            return mjhcmc.hcmc(own, move, WALK_DT, step, integrator=name, loads=loads)  # noqa: B023
+
+        with quiet():
+            best = run("rk4", FINEST)
+        for name, step in WALK_CASES:
+            with quiet(), warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                solution = run(name, step)
+            off = np.abs(solution.activation - best.activation).max(axis=1)
+            moments = of_joints(solution, np.abs(solution.net_joint_moment - best.net_joint_moment).max(axis=0))
+            share = 100 * moments / of_joints(best, best.peak_moment)
+            missed = 0.0
+            if own.coupling is not None:
+                missed = np.abs(own.coordinates.difference(solution.qpos, own.coupling.project(solution.qpos))).max()
+            words = " ".join(str(each.message) for each in told)
+            said = [word for word, sign in (("ties", "equalities"), ("finer step", "solved again")) if sign in words]
+            error = solution.verdict.integrator_error
+            rows.append((
+                "moving" if moving else "fixed", name, f"{1e3 * solution.settings['physics_dt']:.3g}",
+                f"{digits(off.max(), 2)} / {digits(float(np.quantile(off, 0.95)), 2)}",
+                " / ".join(digits(value, 2) for value in share),
+                digits(1e3 * missed, 2) if moving else "",
+                "" if error is None
+                else " / ".join(digits(value, 2) for value in of_joints(solution, np.rad2deg(error))),
+                "passed" if solution.verdict.passed else "failed", ", ".join(said),
+            ))  # fmt: skip
+    header = (
+        "knee", "integrator", "physics step, ms", "activations off, largest / at 95 % of nodes",
+        "moments off, % of peak, hip / knee / ankle", "ties miss, mm or mrad", "own error, deg", "verdict", "told",
+    )  # fmt: skip
+    return grid(header, rows)
+
+
 MYO = (
     ("myofinger", (("rk4", 0.005), ("rk4", 0.00025), ("euler", 0.005), ("implicit", 0.005), ("implicitfast", 0.005))),
     ("myohand_r", (("rk4", 0.005), ("rk4", 0.001), ("euler", 0.005), ("implicit", 0.005), ("implicitfast", 0.005))),
@@ -266,6 +353,9 @@ def markdown() -> str:
         "Fast, with one of the adaptations left out: largest errors, hip / knee / ankle, deg.", ablation(),
         "### From a wrong start",
         "Largest errors (hip / knee / ankle, deg) after the first cycle; all joints start off by so much.", recovery(),
+        roots(), "### A measured walk",
+        f"Subject 01 from {WALK_SPAN[0]:g} to {WALK_SPAN[1]:g} s, right leg, windows of {1e3 * WALK_DT:g} ms, beside "
+        f"RK4 at {1e3 * FINEST:g} ms.", walk(),
         "### Stiff models", "Models of myo-sim, windows of 5 ms.", stiff(),
     ])  # fmt: skip
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from mjhcmc.cli_emg import emg_options, targets_from
 from mjhcmc.cli_support import (
@@ -147,7 +148,8 @@ def solve(
 
     click.get_current_context().with_resource(engine_notices())
     spec = _subject(model, osim, side, moving_knee=moving_knee)
-    muscle_model = mjhcmc.MuscleModel.load(model or spec or _MODEL)
+    chosen = click.get_current_context().get_parameter_source("integrator") is not ParameterSource.DEFAULT
+    muscle_model = mjhcmc.MuscleModel.load(model or spec or _MODEL, integrator=integrator if chosen else None)
     if prescribe or track or free:
         muscle_model = muscle_model.with_roles(tracked=track, prescribed=prescribe, free=free)
     read = mjhcmc.Motion.from_files(
@@ -162,8 +164,8 @@ def solve(
     options: dict[str, Any] = {
         "dt": dt, "physics_dt": physics_dt, "integrator": integrator, "solver": solver, "disabled": disable,
     }  # fmt: skip
-    chosen = {"cost": cost, "smoothness": smoothness, "min_activation": min_activation}
-    options |= {name: value for name, value in chosen.items() if value is not None}
+    shares = {"cost": cost, "smoothness": smoothness, "min_activation": min_activation}
+    options |= {name: value for name, value in shares.items() if value is not None}
     options["plant"] = plant_for(muscle_model, muscle, dt, physics_dt, curves)
     if weights is not None:
         options["weights"] = _read_weights(weights)

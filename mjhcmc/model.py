@@ -19,6 +19,7 @@ from mjhcmc.assets import model_names, model_path
 from mjhcmc.coordinates import Coordinates
 from mjhcmc.coupling import Coupling
 from mjhcmc.errors import MjhcmcWarning, ModelError, MotionError
+from mjhcmc.integrators import scheme_of
 from mjhcmc.log import get_logger
 from mjhcmc.model_problems import (
     coordinate_names_of,
@@ -203,21 +204,26 @@ class MuscleModel:
         return np.where(is_muscle, values, np.nan)
 
     @classmethod
-    def load(cls, source: str | Path | Any) -> MuscleModel:
+    def load(cls, source: str | Path | Any, *, integrator: str | None = None) -> MuscleModel:
         """Load a model and check that its muscles can be driven.
 
         Args:
             source: a shipped name (``"leg8"``), a path to an MJCF (``.xml``) or compiled (``.mjb``) file, a
                 ``mujoco.MjSpec`` or a ``mujoco.MjModel``. What is handed in is never changed.
+            integrator: that the methods will be told, where it is chosen already: then nothing is said of the model's.
+                It is not kept: the methods take it as their own argument.
 
         Returns:
-            The model, stepped by RK4 unless a method is told otherwise (``integrator``); a model that names another
-            integrator gives an `MjhcmcWarning`.
+            The model, stepped by RK4 unless a method is told otherwise (``integrator``); a model that MuJoCo steps by
+            another integrator gives an `MjhcmcWarning`.
 
         Raises:
             ModelError: the file cannot be read, or the model has no muscle, or something that the methods cannot follow
                 (such as actuators with a state of their own, or clamped joint moments).
+            SettingsError: there is no such integrator.
         """
+        if integrator is not None:
+            scheme_of(integrator)
         if isinstance(source, cls):
             return source
         m, name = compile_model(source)
@@ -225,11 +231,10 @@ class MuscleModel:
         if problems:
             more = f" (and {len(problems) - 1} more: mjhcmc check MODEL lists them)" if len(problems) > 1 else ""
             raise ModelError(problems[0].message(name) + more)
-        if m.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
-            named = engine_integrator(m)
+        if m.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4 and integrator is None:
             warnings.warn(
-                f"model {name!r} names the integrator {named}; mjhcmc steps a copy of it by RK4: solve with "
-                f"integrator={named.lower()!r} to have it stepped as it says",
+                f"model {name!r}: MuJoCo would step it by {engine_integrator_words(m)}; mjhcmc steps a copy of it by "
+                f"RK4 unless told otherwise: solve with integrator={engine_integrator(m).lower()!r} for MuJoCo's way",
                 MjhcmcWarning,
                 stacklevel=2,
             )
@@ -327,6 +332,12 @@ def dofs_by_name(model: MuscleModel) -> dict[str, NDArray[np.intp]]:
 def engine_integrator(m: Any) -> str:
     """The integrator that a compiled model names, such as ``RK4``."""
     return str(mujoco.mjtIntegrator(m.opt.integrator).name.removeprefix("mjINT_"))
+
+
+def engine_integrator_words(m: Any) -> str:
+    """What a compiled model is stepped by in MuJoCo, as messages say it: it cannot tell a default from a choice."""
+    name = engine_integrator(m)
+    return "Euler, its default or the model's choice" if name == "EULER" else f"{name.lower()}, as the model says"
 
 
 def compile_model(source: str | Path | Any) -> tuple[Any, str]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +14,7 @@ from mjhcmc import dynamics, hill
 from mjhcmc.activation import activation_after, excitation_for
 from mjhcmc.errors import SettingsError, SimulationError
 from mjhcmc.fiber_motion import compliant_motion
-from mjhcmc.plant import MujocoPlant, State
+from mjhcmc.plant import MujocoPlant, State, physics_steps
 from mjhcmc.summary import columns
 
 if TYPE_CHECKING:
@@ -61,9 +62,13 @@ def check_step(step: float) -> None:
 def track_of(solution: Solution, step: float = 1e-3) -> Track:
     """Play each window of a solution from its recorded node, and note its muscles twice a step.
 
+    A solution by RK4 is played by RK4 in half steps. With any other integrator other steps are another plant (see
+    `integrators`): such a solution is played in its own, with forces as its integrator takes them, and what lies
+    between the starts of two physics steps is the muscles' at states on the line between them.
+
     Args:
         solution: one that knows its model and its loads from outside.
-        step: s, largest step; rounded down to a divisor of the window.
+        step: s, largest step; rounded down to a divisor of the window (or of the solution's physics step).
 
     Raises:
         SimulationError: the solution does not know its model or its loads.
@@ -80,14 +85,18 @@ def track_of(solution: Solution, step: float = 1e-3) -> Track:
     if not solution.knows_surroundings:
         raise SimulationError("the loads from outside were not kept as a function of time: solve the motion again")
     check_step(step)
-    per = 2 * int(np.ceil(solution.dt / step - 1e-9))
-    plant = MujocoPlant(solution.model, solution.dt / per, surroundings=solution.surroundings)
+    if solution.integrator == "rk4":
+        per = 2 * int(np.ceil(solution.dt / step - 1e-9))
+        plant = MujocoPlant(solution.model, solution.dt / per, surroundings=solution.surroundings)
+    else:
+        plant = solution.plant()
+        per, between = _samples(solution, step)
     rows = plant.mj_model.actuator_outadr[plant.model.muscle_ids]
     none = np.zeros(plant.model.nv)
     found: list[tuple[Array, ...]] = []
 
     def look() -> None:
-        plant.forward()
+        plant.forward()  # of one stepped otherwise than by RK4: at a state of `_between`, which is as it is stepped
         held = plant.get_state()
         parts, d = dynamics.muscle_moments(plant), plant.mj_data
         force = parts.gain * held.activation + parts.bias
@@ -95,6 +104,11 @@ def track_of(solution: Solution, step: float = 1e-3) -> Track:
         found.append((np.array(d.time), held.activation, length, velocity, force, dynamics.moment_arms(plant)))
 
     for k in range(solution.n_window + 1):
+        if solution.integrator != "rk4":
+            for state in _between(plant, solution, k, between):
+                plant.set_state(state)
+                look()
+            continue
         node = State(float(solution.time[k]), solution.qpos[k], solution.qvel[k], solution.activation[k], none)
         plant.set_state(node)
         look()
@@ -103,6 +117,54 @@ def track_of(solution: Solution, step: float = 1e-3) -> Track:
             look()
     time, activation, length, velocity, force, arm = (np.array(values) for values in zip(*found, strict=True))
     return Track(time, np.clip(activation, 0, 1), length, velocity, force, arm, per * np.arange(solution.n_window + 1))
+
+
+def _samples(solution: Solution, step: float) -> tuple[int, int]:
+    """Samples of a window, an even number, and of a physics step, for a solution that RK4 did not step."""
+    n_step = physics_steps(solution.dt, float(solution.settings["physics_dt"]))
+    between = int(np.ceil(2 * solution.dt / n_step / step - 1e-9))
+    between += (n_step * between) % 2
+    return n_step * between, between
+
+
+def _between(plant: MujocoPlant, solution: Solution, k: int, count: int) -> list[State]:
+    """States within window k, count a physics step, with the velocity that forces are taken at; of the last node, one.
+
+    Implicit integrators take forces at the velocity that a step ends with, see `MujocoPlant.forward_as_stepped`.
+    """
+    m, n_step = plant.model.mj_model, physics_steps(solution.dt, plant.physics_dt)
+
+    def seen() -> State:
+        held = plant.get_state()
+        ahead = plant.physics_dt * plant.step_acceleration() if plant.scheme.implicit else 0.0
+        return State(held.time, held.qpos, held.qvel + ahead, held.activation, held.warmstart)
+
+    def enter(node: int) -> None:
+        plant.set_state(solution.state(node))
+        j = min(node, solution.n_window - 1)
+        plant.set_input(solution.excitation[j], solution.reserve[j])
+
+    enter(k)
+    states = [seen()]
+    if k == solution.n_window:
+        return states
+    for _ in range(n_step - 1):
+        plant.advance(solution.excitation[k], solution.reserve[k], 1)
+        states.append(seen())
+    enter(k + 1)
+    states.append(seen())
+    found, way = [], np.empty(m.nv)
+    for one, other in pairwise(states):
+        mujoco.mj_differentiatePos(m, way, 1.0, one.qpos, other.qpos)
+        for part in np.arange(count) / count:
+            qpos = one.qpos.copy()
+            mujoco.mj_integratePos(m, qpos, way, part)
+            values = ((1 - part) * a + part * b for a, b in (
+                (one.time, other.time), (one.qvel, other.qvel), (one.activation, other.activation),
+            ))  # fmt: skip
+            time, qvel, activation = values
+            found.append(State(time, qpos, qvel, activation, one.warmstart))
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,13 +393,15 @@ def _needed_excitation(solution: Solution, activation: Array) -> Array:
     """(N, m) from needed activation at the nodes (N+1, m); NaN where none takes a muscle from node to node."""
     model = solution.model
     assert model is not None
-    per = max(1, round(solution.dt / 1e-3))
+    name = solution.integrator
+    own = 1e-3 if name == "rk4" else float(solution.settings["physics_dt"])
+    per = max(1, round(solution.dt / own))
     step, prm = solution.dt / per, model.activation_parameters
     result = np.full_like(solution.excitation, np.nan)
     for k, (start, goal) in enumerate(pairwise(activation)):
         good = np.isfinite(start) & np.isfinite(goal)
-        u = excitation_for(start[good], goal[good], prm[good], step, per, model.excitation_range[good])
-        reached = np.abs(activation_after(start[good], u, prm[good], step, per) - goal[good]) < _REACHED
+        u = excitation_for(start[good], goal[good], prm[good], step, per, model.excitation_range[good], name)
+        reached = np.abs(activation_after(start[good], u, prm[good], step, per, name) - goal[good]) < _REACHED
         result[k, good] = np.where(reached, u, np.nan)
     return result
 

@@ -282,10 +282,10 @@ class Solution:
     def load(cls, path: str | Path, model: MuscleModel | str | Path | None = None) -> Solution:
         """Read a solution that `save` wrote.
 
-        A .csv holds no settings and no verdict: its verdict is judged from the table, without replay unless there is a
-        model, and without one every joint is taken for a hinge. Loads from outside, and the motion that prescribed
-        joints followed, are functions of time that no file holds: where there were some, the verdict stays the one that
-        was saved, and joint reactions are not known.
+        A .csv holds no settings, but for an integrator other than RK4 and its step, and no verdict: its verdict is
+        judged from the table, without replay unless there is a model, and without one every joint is taken for a hinge.
+        Loads from outside, and the motion that prescribed joints followed, are functions of time that no file holds:
+        where there were some, the verdict stays the one that was saved, and joint reactions are not known.
 
         Args:
             path: the file.

@@ -60,7 +60,8 @@ def screen(solution: Solution) -> str:
     settings = solution.settings
     lines = [
         f"{settings.get('method', '?')} on {settings.get('model', '?')}, {settings.get('motion', '?')}: "
-        f"{solution.n_window} windows of {1e3 * solution.dt:g} ms, {solution.time[0]:g} to {solution.time[-1]:g} s",
+        f"{solution.n_window} windows of {1e3 * solution.dt:g} ms, {solution.time[0]:g} to {solution.time[-1]:g} s"
+        + _stepped_by(solution),
         "",
         *_joint_table(solution, values),
         "",
@@ -68,10 +69,33 @@ def screen(solution: Solution) -> str:
         "",
         *role_lines(solution),
         *load_lines(solution),
+        *step_lines(solution),
         *[f"status   {line}" for line in solution.messages()],
         *verdict_lines(values["verdict"]),
     ]
     return "\n".join(lines)
+
+
+def _stepped_by(solution: Solution) -> str:
+    """What stepped the plant, where it is not RK4, for the header."""
+    if solution.integrator == "rk4":
+        return ""
+    step = solution.settings.get("physics_dt")
+    return f", {solution.integrator}" + ("" if step is None else f" in steps of {1e3 * step:.3g} ms")
+
+
+def step_lines(solution: Solution) -> list[str]:
+    """What the steps of an integrator of first order are off by; replay, which is of the same steps, cannot tell."""
+    error = solution.verdict.integrator_error
+    if error is None:
+        return []
+    tracked = np.array([j for j, role in enumerate(solution.roles) if role == "tracked"], dtype=int)
+    off = np.array(error) * _scale(solution)
+    words = [f"{solution.dof_names[j]} {off[j]:.2g} {'deg' if solution.dof_is_rotation[j] else 'm'}" for j in tracked]
+    return [
+        f"steps    {solution.integrator}'s own error, which replay by the same steps does not show: in continuous time "
+        f"windows end elsewhere by up to {_some(words, off[tracked])}"
+    ]
 
 
 def role_lines(solution: Solution) -> list[str]:
@@ -156,6 +180,8 @@ def _joint_table(solution: Solution, values: Mapping[str, Any]) -> list[str]:
     if replay is None and by_window is not None:  # under loads from outside open loop tells nothing
         replay = dict(zip(solution.dof_names, np.array(by_window) * _scale(solution), strict=True))
         word = "replay, by window"
+    if solution.integrator != "rk4":
+        word += ", same steps"
     rows = [["joint", "max error", "RMS error", "peak moment", "peak reserve", word]]
     share = solution.verdict.peak_reserve_share
     for j, name in enumerate(solution.dof_names):

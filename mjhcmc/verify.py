@@ -7,7 +7,7 @@ allows), tracking RMS at most 1 deg (Thelen & Anderson 2006, doi 10.1016/j.jbiom
 from __future__ import annotations
 
 import copy
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import mujoco
@@ -33,8 +33,12 @@ REPLAY_DT = 1e-4
 """s; a tenth of the default physics step, so that the replay also shows the step's own error.
 
 Of solutions by RK4. With an integrator of first order another step is another plant, whose windows end elsewhere: such
-solutions are replayed with the step that they were solved with, and their replay shows rounding alone.
+solutions are replayed with the step that they were solved with, and their replay shows rounding alone. What the step
+itself is off by is another figure, `integrator_error`.
 """
+
+CONTINUOUS_DT = 2.5e-4
+"""s, RK4's step that stands for continuous time in `integrator_error`; a finer one gives the same figures."""
 
 _CHUNK = 65536  # control rows handed to the engine at once: bounds memory on long motions
 _SATURATED = 0.999
@@ -57,6 +61,10 @@ class Verdict:
         replay_window_max_error: (nv,) rad or m, each window from its recorded node; None where the solution does not
             know its model or its loads.
         findings: one line each: joint, how much, when, which muscles.
+        integrator: what stepped the plant, and the replay.
+        physics_dt: s, its step; None where a file does not tell.
+        integrator_error: (nv,) rad or m, see `integrator_error`; None under RK4, and where replay is None. Informs,
+            never decides.
     """
 
     passed: bool
@@ -68,6 +76,9 @@ class Verdict:
     replay_max_error: tuple[float, ...] | None
     replay_window_max_error: tuple[float, ...] | None
     findings: tuple[str, ...]
+    integrator: str = "rk4"
+    physics_dt: float | None = None
+    integrator_error: tuple[float, ...] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON; angles in rad, as the names of the attributes say."""
@@ -88,13 +99,14 @@ def judge(solution: Solution) -> Verdict:
     error = solution.tracking_error
     rms = np.sqrt((error**2).mean(axis=0))
     limit = np.where(solution.dof_is_rotation, MAX_TRACKING_RMS, MAX_TRACKING_RMS_SLIDE)
-    open_loop = window = None
+    open_loop = window = own = None
     known = solution.model is not None and not (solution.hosted and solution.muscles is None)
     if known and solution.knows_surroundings and solution.model is not None:
         difference = solution.model.coordinates.difference
         if not solution.external_load.any():  # under loads open loop is unstable: nothing brings it back
             open_loop = _floats(np.abs(difference(replay(solution), solution.qpos)).max(axis=0))
         window = _floats(np.abs(difference(replay_windows(solution), solution.qpos)).max(axis=0))
+        own = None if solution.integrator == "rk4" else _floats(integrator_error(solution))
     return Verdict(
         passed=bool((share <= MAX_RESERVE_SHARE).all() and (rms <= limit).all() and not solution.interrupted),
         dof_names=solution.dof_names,
@@ -105,6 +117,9 @@ def judge(solution: Solution) -> Verdict:
         replay_max_error=open_loop,
         replay_window_max_error=window,
         findings=tuple(_findings(solution, share, rms, limit)),
+        integrator=solution.integrator,
+        physics_dt=float(solution.settings["physics_dt"]) if "physics_dt" in solution.settings else None,
+        integrator_error=own,
     )
 
 
@@ -259,6 +274,35 @@ def replay_windows(solution: Solution, physics_dt: float | None = None) -> NDArr
         starts = np.array([engine.state(int(k)) for k in chunk])
         rows.append(engine.roll(starts, engine.inputs(chunk))[:, -1])
     return engine.positions(np.concatenate(rows))
+
+
+def integrator_error(solution: Solution, physics_dt: float = CONTINUOUS_DT) -> NDArray[np.float64]:
+    """Where windows end in continuous time, against where the solution's own integrator ends them.
+
+    The replay of a solution by an integrator of first order is of the same steps, so it cannot tell whether these are
+    fine enough. This can: RK4 plays each window from its recorded node under its excitation. Velocities of first-order
+    integrators are those of half a step before (see `integrators`), so each window begins with v + s/2 A, A being the
+    acceleration of the step that follows.
+
+    Args:
+        solution: with its model, by any integrator but RK4.
+        physics_dt: s, RK4's step.
+
+    Returns:
+        (nv,) rad or m, the largest difference at the end of a window.
+
+    Raises:
+        SimulationError: the solution does not know its model (it was read from a file).
+    """
+    plant, qvel = solution.plant(), solution.qvel.copy()
+    for k in range(len(qvel)):
+        plant.set_state(solution.state(k))
+        load = solution.external_load[k] if plant.surroundings.empty else 0.0
+        plant.set_input(None, solution.reserve[min(k, solution.n_window - 1)] + load)
+        qvel[k] += plant.physics_dt / 2 * plant.step_acceleration()
+    continuous = replace(solution, settings={**solution.settings, "integrator": "rk4"}, qvel=qvel)
+    ends = replay_windows(continuous, physics_dt=physics_dt)
+    return np.asarray(np.abs(plant.model.coordinates.difference(ends, solution.qpos)).max(axis=0))
 
 
 def _replay_dt(solution: Solution) -> float:

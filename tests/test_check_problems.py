@@ -129,6 +129,13 @@ def test_other_actuators_the_integrator_and_contacts_are_noted():
         "the actuators that are no muscles",
         "the model's integrator",
     }
+    said = [p for p in report.problems if p.where == "the model's integrator"]
+    assert [p.what for p in said] == ["is implicitfast"]
+    assert "by RK4; solve with --integrator implicitfast" in said[0].remedy
+    default = check_xml(HANGING_MASS.format(actuator=MUSCLE_ACTUATOR).replace('integrator="RK4"', ""))
+    assert [p.what for p in default.problems if p.where == "the model's integrator"] == [
+        "is Euler, MuJoCo's default or the model's choice"
+    ]
     assert report.joints[0].strength == pytest.approx((0, 92))  # the motor is none of the muscles' strength
 
 

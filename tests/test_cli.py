@@ -232,8 +232,13 @@ def test_another_integrator_is_told(run, tmp_path, two_joints, no_figures):
     (tmp_path / "arm.xml").write_text(PENDULUMS.replace("RK4", "implicitfast"))
     q = np.zeros((31, 2))
     write_table(tmp_path / "a.mot", two_joints.joint_names, np.linspace(0, 0.3, 31), q, name="a", in_degrees=True)
-    outcome = run("solve", tmp_path / "a.mot", "--model", tmp_path / "arm.xml", "--out", tmp_path / "out")
-    assert any("IMPLICITFAST" in notice and "RK4" in notice for notice in outcome.notices)
+    arguments = ["solve", tmp_path / "a.mot", "--model", tmp_path / "arm.xml", "--out", tmp_path / "out"]
+    told = [notice for notice in run(*arguments).notices if "by RK4" in notice]
+    assert len(told) == 1
+    assert "step it by implicitfast, as the model says" in told[0]
+    assert told[0].endswith("solve with --integrator implicitfast for MuJoCo's way")
+    for name in ("implicitfast", "rk4"):  # chosen: nothing is left to say
+        assert not any("MuJoCo would step" in notice for notice in run(*arguments, "--integrator", name).notices)
 
 
 def test_the_callers_warnings_stay_as_they_were(run, mot, tmp_path):

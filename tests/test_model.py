@@ -1,5 +1,7 @@
 """MuscleModel: what it reads, and what it refuses by name."""
 
+import warnings
+
 import mujoco
 import numpy as np
 import pytest
@@ -39,9 +41,14 @@ def test_loads_from_name_path_spec_and_model(tmp_path):
 
 def test_what_is_handed_in_stays_as_it_was():
     theirs = mujoco.MjModel.from_xml_string(PENDULUMS.replace("RK4", "Euler"))
-    with pytest.warns(mjhcmc.MjhcmcWarning, match="integrator EULER.*RK4"):
+    with pytest.warns(mjhcmc.MjhcmcWarning, match=r"step it by Euler, its default or .*by RK4 .*integrator='euler'"):
         model = mjhcmc.MuscleModel.load(theirs)
     assert theirs.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mjhcmc.MuscleModel.load(theirs, integrator="euler")
+    with pytest.raises(mjhcmc.SettingsError, match="integrator 'midpoint' is not known"):
+        mjhcmc.MuscleModel.load(theirs, integrator="midpoint")
     assert model.mj_model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
 
 

@@ -182,7 +182,7 @@ def test_a_csv_brings_the_arrays_back_and_is_judged_anew_without_replay(tmp_path
     assert loaded.verdict.replay_max_error is None
     assert loaded.verdict.replay_window_max_error is None
     assert solution.verdict.replay_max_error is not None
-    judged = {"replay_max_error": None, "replay_window_max_error": None}
+    judged = {"replay_max_error": None, "replay_window_max_error": None, "physics_dt": None}
     assert loaded.verdict == dataclasses.replace(solution.verdict, **judged)
 
 

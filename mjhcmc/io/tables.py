@@ -27,6 +27,7 @@ _log = get_logger(__name__)
 _EXTERNAL = "external"  # prefix of columns that are there only where a load acted from outside
 _RESIDUAL = "residual"  # prefix of columns that are there only of degrees of freedom that can have one
 _HOSTED = "hill_muscles"  # a column of ones where Hill muscles drove the model: a .csv has no other place for it
+_INTEGRATOR = "integrator"  # prefix of a column that is there only where it was not RK4: the physics step, s
 _FIBER = "fiber"  # prefix of columns that are there only of Hill muscles with compliant tendons
 _META = "mjhcmc"  # key of the metadata in a file
 
@@ -100,6 +101,9 @@ def _table(solution: Solution) -> dict[str, NDArray[np.float64]]:
         data[f"{_RESIDUAL}/{solution.dof_names[i]}"] = solution.residual[:, i]
     if solution.hosted:
         data[_HOSTED] = np.ones(len(solution.time))
+    if solution.integrator != "rk4":
+        step = float(solution.settings["physics_dt"])
+        data[f"{_INTEGRATOR}/{solution.integrator}"] = np.full(len(solution.time), step)
     if solution.fiber_length is not None:
         data.update({f"{_FIBER}/{name}": solution.fiber_length[:, i] for i, name in enumerate(solution.muscle_names)})
     data["status"] = np.append(solution.status.astype(np.float64), np.nan)
@@ -272,11 +276,25 @@ def _from_columns(columns: dict[str, NDArray[np.float64]], meta: dict[str, Any])
     if "settings" not in meta:
         dt = float(columns["time"][-1] - columns["time"][0]) / max(1, len(columns["time"]) - 1)
         hosted = {"muscles": {"named": False}} if _HOSTED in columns else {}
-        meta = {**meta, "settings": {"dt": dt, **hosted, **_roles_from(columns, dofs)}}
+        meta = {**meta, "settings": {"dt": dt, **hosted, **_stepped_by(columns), **_roles_from(columns, dofs)}}
     muscles = tuple(labels["activation"])
     if any(column.startswith(f"{_FIBER}/") for column in columns):
         arrays["fiber_length"] = np.column_stack([columns[f"{_FIBER}/{muscle}"] for muscle in muscles])
     return _assemble(arrays, columns["time"], columns["status"][:-1], muscles, tuple(labels["q"]), dofs, meta)
+
+
+def _stepped_by(columns: dict[str, NDArray[np.float64]]) -> dict[str, Any]:
+    """Integrator and physics step, as settings, of a table that holds none (a .csv); nothing where RK4 stepped."""
+    from mjhcmc.integrators import scheme_of
+
+    for column, values in columns.items():
+        prefix, slash, name = column.partition("/")
+        if slash and prefix == _INTEGRATOR:
+            step = float(values[0])
+            if not (np.isfinite(step) and step > 0 and (values == step).all()):
+                raise OutputError(f"column {column} holds no physics step: solve and save again")
+            return {"integrator": scheme_of(name).name, "physics_dt": step}
+    return {}
 
 
 def _roles_from(columns: dict[str, NDArray[np.float64]], dofs: tuple[str, ...]) -> dict[str, Any]:

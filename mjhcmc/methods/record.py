@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.dynamics import tied
-from mjhcmc.errors import DivergedError, MjhcmcWarning, SimulationError
+from mjhcmc.errors import DivergedError, SimulationError
 from mjhcmc.lockstep import Plants
+from mjhcmc.methods.loose_ties import tell_of_loose_ties
 from mjhcmc.methods.windows import Windows
 from mjhcmc.solution import Solution, window_status
 from mjhcmc.surroundings import coordinates_of
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from mjhcmc.methods.run import Team
 
 Array = NDArray[np.float64]
-
-_LOOSE = 1e-3  # rad or m
 
 
 class Record:
@@ -127,8 +125,6 @@ class Record:
         at_nodes = self._plants.nodes(i, rows, np.concatenate([reserve, reserve[-1:]]))
         if model.coupling is not None:
             at_nodes = tied(at_nodes, model.coupling.tangent(rows[:, layout.qpos]))
-            if windows.scheme.implicit:
-                _tell_of_loose_ties(windows, rows[:, layout.qpos])
         moment, times = at_nodes.net_joint_moment, windows.reference.time[: n + 1]
         qpos, desired = rows[:, layout.qpos], windows.reference.qpos[: n + 1].copy()
         roles = model.roles
@@ -163,7 +159,7 @@ class Record:
         if given is not None:
             difference = np.abs(moment - given.sample(times)).max(axis=0)
             everything["joint_moment_difference"] = dict(zip(model.dof_names, difference.tolist(), strict=True))
-        return Solution(
+        solution = Solution(
             time=times,
             excitation=self._excitation[:n, i],
             activation=rows[:, layout.activation],
@@ -191,22 +187,8 @@ class Record:
             fiber_length=rows[:, layout.fiber] if rows[:, layout.fiber].size else None,
             muscles=hosted,
         )
-
-
-def _tell_of_loose_ties(windows: Windows, qpos: Array) -> None:
-    """Warn where equalities are not kept: MuJoCo finds their forces for M, and implicit steps divide by M + s D."""
-    model = windows.model
-    assert model.coupling is not None
-    off = np.abs(qpos - np.array([model.coupling.project(q) for q in qpos]))
-    k, j = np.unravel_index(int(np.argmax(off)), off.shape)
-    if off[k, j] > _LOOSE:
-        warnings.warn(
-            f"{windows.scheme.name} does not keep the equalities of {model.name!r} at physics_dt "
-            f"{windows.physics_dt:.3g} s: {model.joint_names[j]!r} is {off[k, j]:.2g} (rad or m) off at "
-            f"{windows.reference.time[k]:.3f} s: use a smaller physics_dt, or integrator 'rk4'",
-            MjhcmcWarning,
-            stacklevel=5,
-        )
+        tell_of_loose_ties(solution)
+        return solution
 
 
 def padded(values: Array, n: int) -> Array:

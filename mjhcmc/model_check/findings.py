@@ -174,8 +174,10 @@ def _of_model(report: ModelReport) -> Iterator[Problem]:
     if not report.joints:
         yield Problem("has no joint, so nothing moves", "the model", "give its bodies joints", "warning")
     if report.integrator != "RK4":
-        remedy = "no need to act, mjhcmc steps a copy of the model by RK4"
-        yield Problem(f"is {report.integrator}", "the model's integrator", remedy, "note")
+        name = report.integrator.lower()
+        what = "is Euler, MuJoCo's default or the model's choice" if name == "euler" else f"is {name}"
+        remedy = f"mjhcmc steps a copy of the model by RK4; solve with --integrator {name} for MuJoCo's way"
+        yield Problem(what, "the model's integrator", remedy, "note")
     if report.other_actuators:
         yield Problem(
             f"stay at control 0 and count as passive ({report.other_actuators})",
