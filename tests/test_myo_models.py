@@ -14,7 +14,7 @@ from mjhcmc.surroundings import coordinates_of
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:Attaching a spec"),
-    pytest.mark.filterwarnings("ignore:model .*: MuJoCo would step it by"),
+    pytest.mark.filterwarnings("ignore:model .* MuJoCo would step it by"),
 ]
 
 
