@@ -38,7 +38,9 @@ def case(request):
 # --- the engines -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("key", ENGINES)
+@pytest.mark.parametrize(
+    "key", [pytest.param(key, marks=pytest.mark.compiled) if key in COMPILED else key for key in ENGINES]
+)
 def test_engines_compute_what_mujoco_does(key, case):
     if key in COMPILED and case.name != "oblique":
         pytest.skip("the oblique leg is enough: compiling takes seconds")
