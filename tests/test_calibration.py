@@ -26,7 +26,7 @@ def stronger(model, seed, spread=0.4):
 def test_eight_strengths_from_what_hcmc_gives_by_itself(model):
     """Default settings made the excitations, converged ones explain them: within 2 %, as the issue asks."""
     factors, patient = stronger(model, 3)
-    motion = short(model)
+    motion = mjhcmc.Motion.cosine(model, "fast")
     found = mjhcmc.calibrate(model, motion, mjhcmc.hcmc(patient, motion).excitation)
     assert found.converged
     assert found.identified.all()
