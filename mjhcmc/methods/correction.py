@@ -52,9 +52,10 @@ def correct(
         reserves: whether what the muscles leave is given by reserves.
         threads: to compute on.
     """
-    bares, group = np.unique(_bare(trial.B), axis=0, return_inverse=True)
-    if len(bares) == 1:
-        return _correct(trial, reach, sharing, price, bares[0], reserves=reserves, threads=threads)
+    bare = _bare(trial.B)
+    if (bare == bare[0]).all():  # nearly always; `unique` takes a tenth of a large model's window to see it
+        return _correct(trial, reach, sharing, price, bare[0], reserves=reserves, threads=threads)
+    bares, group = np.unique(bare, axis=0, return_inverse=True)
     whole = Correction(np.empty_like(trial.excitation), np.empty_like(price), {}, np.empty(len(price)))
     for kind in range(len(bares)):  # each simulation as it would be alone
         which = np.flatnonzero(group.ravel() == kind)
