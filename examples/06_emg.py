@@ -55,7 +55,5 @@ others = [i for i in range(model.n_muscle) if i not in at]
 for label, solution in (("least effort", plain), ("EMG-informed", informed)):
     apart = np.abs(solution.activation - truth.activation).mean(axis=0)
     error = np.rad2deg(np.abs(solution.tracking_error)).max()
-    print(
-        f"{label}: activation misses by {apart[at].mean():.4f} where it was measured, {apart[others].mean():.4f} "
-        f"elsewhere; max tracking error {error:.2g} deg"
-    )
+    where = f"{apart[at].mean():.4f} where it was measured, {apart[others].mean():.4f} elsewhere"
+    print(f"{label}: activation misses by {where}; max tracking error {error:.2g} deg")

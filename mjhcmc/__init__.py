@@ -47,10 +47,15 @@ if TYPE_CHECKING:
     from mjhcmc.motion import Motion
     from mjhcmc.periodic import fit_harmonics
     from mjhcmc.plant import MujocoPlant
+    from mjhcmc.saved import Saved, open_saved
     from mjhcmc.segments import joint_angles, segment_angles
     from mjhcmc.solution import Solution, WindowStatus
     from mjhcmc.solution_batch import SimulationStatus, SolutionBatch
     from mjhcmc.verify import Verdict, replay, replay_windows
+    from mjhcmc.viewing.browser import view_in_browser
+    from mjhcmc.viewing.frames import Frames
+    from mjhcmc.viewing.live import live_page
+    from mjhcmc.viewing.video import write_video
 
 __version__ = "0.1.0"
 
@@ -63,6 +68,7 @@ _HOME = {
     "EmgComparison": "emg_comparison",
     "EmgTargets": "emg_targets",
     "ExternalLoads": "external_loads",
+    "Frames": "viewing.frames",
     "Gradient": "gradients.gradient",
     "GradientBatch": "gradients.gradient",
     "HillPlant": "hosted.plant",
@@ -76,6 +82,7 @@ _HOME = {
     "MujocoPlant": "plant",
     "MuscleModel": "model",
     "OutputError": "errors",
+    "Saved": "saved",
     "SettingsError": "errors",
     "SimulationError": "errors",
     "SimulationStatus": "solution_batch",
@@ -97,11 +104,15 @@ _HOME = {
     "hcmc_batch": "methods.hcmc_batch",
     "intervals": "gradients.uncertainty",
     "joint_angles": "segments",
+    "live_page": "viewing.live",
+    "open_saved": "saved",
     "replay": "verify",
     "replay_windows": "verify",
     "segment_angles": "segments",
     "sensitivity_table": "gradients.table",
     "static_optimization": "methods.static_optimization",
+    "view_in_browser": "viewing.browser",
+    "write_video": "viewing.video",
 }
 
 __all__ = [
@@ -112,6 +123,7 @@ __all__ = [
     "EmgComparison",
     "EmgTargets",
     "ExternalLoads",
+    "Frames",
     "Gradient",
     "GradientBatch",
     "HillPlant",
@@ -125,6 +137,7 @@ __all__ = [
     "MujocoPlant",
     "MuscleModel",
     "OutputError",
+    "Saved",
     "SettingsError",
     "SimulationError",
     "SimulationStatus",
@@ -146,11 +159,15 @@ __all__ = [
     "hcmc_batch",
     "intervals",
     "joint_angles",
+    "live_page",
+    "open_saved",
     "replay",
     "replay_windows",
     "segment_angles",
     "sensitivity_table",
     "static_optimization",
+    "view_in_browser",
+    "write_video",
 ]
 
 

@@ -11,13 +11,17 @@ import sys
 import warnings
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from mjhcmc import __version__
 from mjhcmc.cli_compare import compare_muscles
+from mjhcmc.cli_completion import complete_values, completion
+from mjhcmc.cli_doctor import doctor
 from mjhcmc.cli_emg import emg_command
 from mjhcmc.cli_engines import engines
+from mjhcmc.cli_live import live
 from mjhcmc.cli_patients import patients
 from mjhcmc.cli_sensitivity import sensitivity
 from mjhcmc.cli_solve import solve
@@ -30,31 +34,51 @@ from mjhcmc.cli_support import (
     VERBOSE,
     engine_notices,
     fail,
+    look_at,
     output_folder,
     progress_bar,
     save_figures,
     show_warning,
     told,
+    typed,
     write_solution,
 )
 from mjhcmc.errors import MjhcmcError, MjhcmcWarning
 
+if TYPE_CHECKING:
+    from mjhcmc.solution import Solution
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+
+_EXAMPLES = """\b
+Examples:
+  mjhcmc reproduce --out paper                    the paper's experiment
+  mjhcmc solve walk.mot --lowpass 6 --out walk    joint angles to excitations
+  mjhcmc report walk                              a page to look at
+  mjhcmc view walk                                replay it
+  mjhcmc solve arm.sto --model arm.xml --out arm  any MuJoCo model with muscles
+  mjhcmc check arm.xml                            what mjhcmc sees in a model
+  mjhcmc doctor                                   what is installed, and what is not
+
+Exit codes: 0 the verdict holds, 1 it fails, 2 bad input, 130 interrupted. Each command tells more: mjhcmc solve --help.
+"""
+
+
+class _InOrder(click.Group):
+    """A group that lists its commands in the order in which they were added."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+
+@click.group(
+    cls=_InOrder, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=_EXAMPLES
+)
 @click.version_option(__version__, prog_name="mjhcmc")
 def cli() -> None:
     """Muscle excitations from motion, for any MuJoCo muscle model."""
 
 
-cli.add_command(solve)
-cli.add_command(compare_muscles)
-cli.add_command(emg_command)
-cli.add_command(engines)
-cli.add_command(patients)
-cli.add_command(sensitivity)
-
-
-@cli.command()
+@click.command()
 @click.option("--movement", default="fast", show_default=True, help="fast (the paper's) or slow.")
 @click.option("--dt", default=0.01, show_default=True, help="Control window, s.")
 @click.option("--physics-dt", default=0.001, show_default=True, help="Largest physics step, s.")
@@ -70,7 +94,14 @@ def reproduce(
     movement: str, dt: float, physics_dt: float, muscle: str, curves: str, out: Path | None, as_json: bool,
     quiet: bool, verbose: int,
 ) -> int:  # fmt: skip
-    """The paper's experiment, by every method: table, figures, verdict."""
+    """The paper's experiment, by every method: table, figures, verdict.
+
+    \b
+    Examples:
+      mjhcmc reproduce
+      mjhcmc reproduce --movement slow --dt .005 --out slow
+      mjhcmc reproduce --muscle compliant --json
+    """
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)
     click.get_current_context().with_resource(told(verbose))
@@ -95,25 +126,48 @@ def reproduce(
                     result = run(movement, dt, physics_dt, progress, muscle, curves)
             except mjhcmc.SolveInterrupted as stop:
                 if stop.solution is not None:
-                    click.echo(f"written  {', '.join(write_solution(stop.solution, folder))}", err=True)
+                    files = write_solution(stop.solution, folder)
+                    files.append(_write_run(stop.solution, folder, None))
+                    click.echo(f"written  {', '.join(files)}", err=True)
                 raise
             files = write_solution(result.solutions["hcmc"], folder)
             overlay = None if result.opensim is None else {"OpenSim 4.6 CMC": result.opensim.activity}
             files += save_figures({"methods": partial(excitation_figure, result.solutions, overlay)}, folder)
+            files.append(_write_run(result.solutions["hcmc"], folder, result.solve_time["hcmc"]))
     if as_json:
         click.echo(json.dumps(result.numbers()))
     elif not quiet:
         click.echo(result.screen())
         click.echo(f"written  {', '.join(files)}")
+        if out is not None:
+            click.echo(look_at(out))
     return 0 if result.passed else 1
 
 
-@cli.command()
+def _write_run(solution: Solution, folder: Path, wall_time: float | None) -> str:
+    """Write what HCMC's solution was made with; the path written."""
+    from mjhcmc.run_facts import model_facts, run_facts, write_run
+
+    assert solution.model is not None  # it was just solved
+    facts = run_facts(
+        command=typed(), model=model_facts(solution.model, "leg8"), solution=folder / "solution.parquet",
+        wall_time=wall_time, interrupted=wall_time is None,
+    )  # fmt: skip
+    return write_run(folder, facts)
+
+
+@click.command()
 @click.argument("model")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the report.")
 @VERBOSE
 def check(model: str, as_json: bool, verbose: int) -> int:
-    """What mjhcmc sees in a model: muscles, joints, strength, and every problem with its remedy."""
+    """What mjhcmc sees in a model: muscles, joints, strength, and every problem with its remedy.
+
+    \b
+    Examples:
+      mjhcmc check leg8
+      mjhcmc check arm.xml --json
+    """
     click.get_current_context().with_resource(told(verbose))
     from mjhcmc.model_check.check import check as look
 
@@ -123,6 +177,25 @@ def check(model: str, as_json: bool, verbose: int) -> int:
     return 0
 
 
+# in the order of their use, with the line that `mjhcmc --help` has of each
+for _command, _line in (
+    (solve, "motion files to excitations"),
+    (reproduce, "the paper's experiment, by every method"),
+    (emg_command, "excitations beside measured EMG"),
+    (sensitivity, "which muscle parameter moves which excitation"),
+    (check, "what mjhcmc sees in a model, and every problem with it"),
+    (compare_muscles, "MuJoCo's muscles beside a Hill model's"),
+    (patients, "virtual patients with spasticity: datasets, grades"),
+    (live, "a page of sliders that solves as you drag them"),
+    (engines, "rigid-body engines beside MuJoCo"),
+    (doctor, "what is installed here, what works, what to do"),
+    (completion, "completion of commands and values in your shell"),
+):
+    _command.short_help = _line
+    cli.add_command(_command)
+complete_values(cli)
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; errors are one line on standard error and exit code 2."""
     arguments = sys.argv[1:] if arguments is None else arguments
@@ -130,7 +203,7 @@ def main(arguments: list[str] | None = None) -> None:
         with warnings.catch_warnings():
             warnings.showwarning = show_warning
             warnings.simplefilter("always", MjhcmcWarning)
-            code = cli.main(arguments or ["--help"], prog_name="mjhcmc", standalone_mode=False)
+            code = cli.main(arguments or ["--help"], prog_name="mjhcmc", standalone_mode=False, obj=arguments)
     except click.ClickException as error:
         fail(error.format_message())
     except MjhcmcError as error:

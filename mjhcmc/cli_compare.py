@@ -38,6 +38,10 @@ def compare_muscles(
     """MuJoCo's muscles against a Hill model along a movement: tables, figures.
 
     Writes DIR/muscles.csv, DIR/joints.csv, DIR/comparison.json and the figures of curves and forces.
+
+    \b
+    Example:
+      mjhcmc compare-muscles --movement slow --curves thelen --out muscles
     """
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)

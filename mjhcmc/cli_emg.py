@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjhcmc.cli_support import interrupt_later, output_folder, told
-from mjhcmc.errors import MjhcmcWarning, OutputError, SettingsError
+from mjhcmc.errors import MjhcmcWarning, SettingsError
 
 if TYPE_CHECKING:
     from mjhcmc.emg import Emg
@@ -46,14 +46,19 @@ def emg_command(
     """Compare the excitations of a SOLUTION (a folder that solve wrote, or its file) with measured EMG.
 
     EMG is a .csv, .sto, .mot or .parquet file with a column time and a column for each channel.
+
+    \b
+    Example:
+      mjhcmc emg walk emg.csv --map map.csv --out emg
     """
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)
     click.get_current_context().with_resource(told(verbose))
     from mjhcmc.emg_comparison import compare_emg
+    from mjhcmc.saved import solution_file
     from mjhcmc.solution import Solution
 
-    found = Solution.load(_solution_file(solution))
+    found = Solution.load(solution_file(solution))
     measured, _ = _envelopes(emg, emg_map, found.muscle_names, raw, band, lowpass, shift)
     result = compare_emg(found, measured, emg_map, delay=delay, threshold=threshold, start=start)
     files: list[str] = []
@@ -67,16 +72,6 @@ def emg_command(
         if files:
             click.echo(f"written  {', '.join(files)}")
     return 0
-
-
-def _solution_file(path: Path) -> Path:
-    """The file of a solution, also where its folder is named."""
-    if not path.is_dir():
-        return path
-    inside = path / "solution.parquet"
-    if not inside.is_file():
-        raise OutputError(f"{path}: holds no solution.parquet: name a folder that solve wrote, or a solution's file")
-    return inside
 
 
 def _envelopes(

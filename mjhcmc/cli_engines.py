@@ -48,6 +48,12 @@ def engines(
     Two legs without muscles are computed by every engine that is installed: leg8's bodies, and a leg with oblique axes
     and inertias; and the bodies and hinges of a model of yours (--model). Exit code 0 if all agree, 1 if one does not
     or fails.
+
+    \b
+    Examples:
+      mjhcmc engines
+      mjhcmc engines --only pinocchio,drake --states 20
+      mjhcmc engines --model leg8 --urdf leg8.urdf
     """
     context = click.get_current_context()
     context.with_resource(told(verbose))

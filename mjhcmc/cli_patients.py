@@ -51,6 +51,11 @@ def generate(
     """Simulate patients into a dataset of Parquet shards.
 
     Killed, or interrupted, and started again, it goes on where it was, to the same bytes.
+
+    \b
+    Examples:
+      mjhcmc patients generate --n 1000 --out cohort --workers 2
+      mjhcmc patients generate --n 1000 --out cohort --cluster tcp://scheduler:8786
     """
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)
@@ -95,6 +100,10 @@ def grade(
     """Learn grades from what an examiner could measure, and search the dataset DIR for leaks.
 
     Exit code 1 where the search flags something.
+
+    \b
+    Example:
+      mjhcmc patients grade cohort --joint knee --out grades
     """
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)
@@ -118,7 +127,14 @@ def show(
     folder: Path | None, patient: int | None, seed: int | None, index: int | None, trial: str | None, out: Path | None,
     as_json: bool, quiet: bool, verbose: int,
 ) -> int:  # fmt: skip
-    """A look at the dataset DIR, at one of its patients, or at a patient simulated now (--seed and --index)."""
+    """A look at the dataset DIR, at one of its patients, or at a patient simulated now (--seed and --index).
+
+    \b
+    Examples:
+      mjhcmc patients show cohort
+      mjhcmc patients show cohort --patient 3 --trial mas/knee
+      mjhcmc patients show --seed 1 --index 0
+    """
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)
     drawn = None if seed is None or index is None else (seed, index)

@@ -72,6 +72,11 @@ def sensitivity(
 
     Writes DIR/sensitivity.csv and, unless --samples is 0, DIR/intervals.csv, with their figures. Exit code 0 also where
     draws fail: notices name them, and the intervals are of the others.
+
+    \b
+    Examples:
+      mjhcmc sensitivity --movement fast --out out
+      mjhcmc sensitivity walk.mot --lowpass 6 --samples 500 --sd tendon_slack_length=.03 --out out
     """
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)

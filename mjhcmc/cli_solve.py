@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import time
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,9 +22,11 @@ from mjhcmc.cli_support import (
     QUIET,
     VERBOSE,
     engine_notices,
+    look_at,
     output_folder,
     progress_bar,
     told,
+    typed,
     write_solution,
 )
 from mjhcmc.errors import MjhcmcWarning, SettingsError
@@ -86,7 +90,7 @@ _MODEL = "leg8"
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the summary.")
 @QUIET
 @VERBOSE
-@click.option("--out", required=True, type=FILE, metavar="DIR", help="Folder for the results.")
+@click.option("--out", required=True, type=FILE, metavar="DIR", help="Folder for the results; then: mjhcmc report DIR.")
 def solve(
     motions: tuple[Path, ...],
     model: str | None,
@@ -132,8 +136,16 @@ def solve(
 ) -> int:
     """From motion files (.mot, .sto, .csv, .trc, .c3d) to muscle excitations.
 
-    Writes DIR/solution.parquet, DIR/verdict.json and the figures (with --osim the model, too); of several motions, into
-    a folder each in DIR.
+    Writes DIR/solution.parquet, DIR/verdict.json, DIR/run.json and the figures (with --osim the model, too); of several
+    motions, into a folder each in DIR. What to do next: mjhcmc report DIR.
+
+    \b
+    Examples:
+      mjhcmc solve walk.mot --lowpass 6 --dt .005 --out walk
+      mjhcmc solve q.sto --osim subject.osim --loads grf.xml --start .6 --end 1.9 --out walk
+      mjhcmc solve arm.csv --unit deg --model arm.xml --map map.json --out arm
+      mjhcmc solve one.mot two.mot --method cmc --json --out both
+      mjhcmc report walk
     """
     from mjhcmc.integrators import scheme_of
     from mjhcmc.muscle_choice import check_muscle, plant_for
@@ -183,18 +195,23 @@ def solve(
         from mjhcmc.io.export import check_names
 
         check_names(muscle_model)
+    from mjhcmc.run_facts import input_facts
+
+    shared = _input_files(click.get_current_context().params)
     with output_folder(out) as folder:
         results = {}
-        for motion in read:
+        for motion, file in zip(read, motions, strict=True):
             place = folder if len(read) == 1 else folder / motion.name
+            origin = _Origin(model or _MODEL, None if model else spec, tuple(input_facts([("motion", file), *shared])))
             results[motion.name] = _solve_one(
-                method, muscle_model, motion, options, place, None if model else spec, opensim=opensim,
-                as_json=as_json, quiet=quiet,
-            )  # fmt: skip
+                method, muscle_model, motion, options, place, origin, opensim=opensim, as_json=as_json, quiet=quiet
+            )
             if results[motion.name]["interrupted"]:
                 break
     if as_json:
         click.echo(json.dumps(next(iter(results.values())) if len(read) == 1 else {"motions": results}))
+    elif not quiet:
+        click.echo(look_at(place if len(read) == 1 else out / next(iter(results))))
     if any(result["interrupted"] for result in results.values()):
         return INTERRUPTED
     return 0 if all(result["verdict"]["passed"] for result in results.values()) else 1
@@ -240,13 +257,44 @@ def _read_loads(
     return loads
 
 
+@dataclass(frozen=True)
+class _Origin:
+    """What a solve was read from.
+
+    Attributes:
+        model: a shipped name or a path, where spec is None.
+        spec: of the subject's leg, where ``--osim`` makes it.
+        inputs: the other files, see `run_facts.input_facts`.
+    """
+
+    model: str
+    spec: Any
+    inputs: tuple[dict[str, Any], ...]
+
+
+def _input_files(options: Mapping[str, Any]) -> list[tuple[str, Path]]:
+    """The files that options name, and the table that a file of loads names."""
+    files = [
+        ("map" if name == "column_map" else name.replace("_", " "), value)
+        for name, value in options.items()
+        if isinstance(value, Path) and name != "out"
+    ]
+    loads = options["loads"]
+    if loads is not None and options["loads_data"] is None and loads.suffix.lower() == ".xml":
+        from mjhcmc.io.loads_file import loads_table
+        from mjhcmc.io.opensim_loads import read_loads_xml
+
+        files.append(("loads data", loads_table(read_loads_xml(loads), None, [])))
+    return files
+
+
 def _solve_one(
     method: str,
     model: MuscleModel,
     motion: Motion,
     options: Mapping[str, Any],
     place: Path,
-    spec: Any,
+    origin: _Origin,
     *,
     opensim: bool,
     as_json: bool,
@@ -254,20 +302,31 @@ def _solve_one(
 ) -> dict[str, Any]:
     """Solve one motion into a folder; what --json prints of it."""
     import mjhcmc
+    from mjhcmc.run_facts import model_facts, run_facts, write_run
     from mjhcmc.summary import numbers, screen
 
     interrupted = False
     with output_folder(place) as folder:
         try:
             with progress_bar(quiet or as_json) as progress:
+                began = time.perf_counter()
                 solution = find_method(method)(model, motion, progress=progress, **options)
         except mjhcmc.SolveInterrupted as stop:
             if stop.solution is None:
                 raise
             solution, interrupted = stop.solution, True
+        wall_time = time.perf_counter() - began
         files = write_solution(solution, folder, opensim=opensim)
-        if spec is not None:
-            files.append(_write_model(spec, folder))
+        driven = model_facts(model, origin.model) if origin.spec is None else None
+        if driven is None:
+            files.append(_write_model(origin.spec, folder))
+            path = folder / "model.xml"  # read back: what is written in decimals may compile to other last digits
+            driven = model_facts(mjhcmc.MuscleModel.load(path, integrator=solution.integrator), path, in_folder=True)
+        facts = run_facts(
+            command=typed(), model=driven, inputs=origin.inputs, solution=folder / "solution.parquet",
+            wall_time=wall_time, interrupted=interrupted,
+        )  # fmt: skip
+        files.append(write_run(folder, facts))
     if not (as_json or quiet):
         click.echo(screen(solution))
         click.echo(f"written  {', '.join(files)}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import re
+import shlex
 import signal
 import sys
 import threading
@@ -221,6 +222,17 @@ def fail(message: str) -> NoReturn:
 
 def _one_line(message: str) -> str:
     return " ".join(message.split())
+
+
+def typed() -> list[str]:
+    """The arguments of the command that runs, as they were typed."""
+    arguments = click.get_current_context().find_root().obj
+    return list(arguments) if isinstance(arguments, list) else sys.argv[1:]
+
+
+def look_at(folder: Path) -> str:
+    """What to do next with a folder that holds a solution."""
+    return f"look at it:  mjhcmc report {shlex.quote(str(folder))}"
 
 
 def write_solution(solution: Solution, folder: Path, *, opensim: bool = False) -> list[str]:

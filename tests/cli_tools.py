@@ -15,6 +15,7 @@ from mjhcmc.io.opensim import write_table
 MUSCLES = ("iliopsoas", "glut_max", "rect_fem", "hamstrings", "vasti", "gastroc", "soleus", "tib_ant")
 JOINTS = ("hip", "knee", "ankle")
 FIGURES = tuple(f"{name}.{kind}" for name in ("excitations", "tracking", "moments") for kind in ("png", "pdf"))
+FILES = ("solution.parquet", "verdict.json", "run.json", *FIGURES)  # that solve writes of leg8
 COLUMNS = ("pelvis_tx", "knee", "hip", "ankle")  # not the model's order, and one too many
 FIRST_ROW = 8  # line of the first row of a table that write_table wrote
 LONG = "x" * 300

@@ -12,7 +12,7 @@ import warnings
 import numpy as np
 import pandas as pd
 import pytest
-from cli_tools import FIGURES, FIRST_ROW, JOINTS, MUSCLES, Outcome, put
+from cli_tools import FIGURES, FILES, FIRST_ROW, JOINTS, MUSCLES, Outcome, put
 from conftest import PENDULUMS
 
 import mjhcmc
@@ -28,7 +28,7 @@ def test_solve_writes_solution_verdict_and_figures(run, mot, tmp_path, leg8):
     out = tmp_path / "deep" / "out"
     outcome = run("solve", mot(), "--out", out)
     assert outcome.code == 0
-    assert sorted(path.name for path in out.iterdir()) == sorted(("solution.parquet", "verdict.json", *FIGURES))
+    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
     for name in FIGURES:
         assert (out / name).read_bytes().startswith(b"\x89PNG" if name.endswith("png") else b"%PDF")
     solution = mjhcmc.Solution.load(out / "solution.parquet")
@@ -59,7 +59,7 @@ def test_json_is_one_object_and_nothing_else(run, mot, tmp_path, no_figures):
     assert result["verdict"]["passed"] is True
     assert result["interrupted"] is False
     assert result["settings"]["dt"] == 0.01
-    assert result["files"] == [str(out / "solution.parquet"), str(out / "verdict.json")]
+    assert result["files"] == [str(out / name) for name in ("solution.parquet", "verdict.json", "run.json")]
     solution = mjhcmc.Solution.load(out / "solution.parquet")
     error = np.rad2deg(np.abs(solution.tracking_error))
     np.testing.assert_allclose(list(result["max_error_deg"].values()), error.max(axis=0), rtol=1e-12)
@@ -168,7 +168,7 @@ def test_solving_again_replaces_and_keeps_what_is_not_its_own(run, mot, tmp_path
     for dt in (0.02, 0.01):
         assert run("solve", mot(), "--dt", dt, "--out", out).code == 0
     assert mjhcmc.Solution.load(out / "solution.parquet").dt == 0.01
-    assert sorted(path.name for path in out.iterdir()) == ["notes.txt", "solution.parquet", "verdict.json"]
+    assert sorted(path.name for path in out.iterdir()) == ["notes.txt", "run.json", "solution.parquet", "verdict.json"]
     assert run("solve", tmp_path / "none.mot", "--out", out).code == 2
     assert (out / "notes.txt").read_text() == "mine"
 
@@ -449,7 +449,7 @@ def test_a_true_interrupt(mot, tmp_path, fast_solution):
     assert part.interrupted
     assert 0 < part.n_window < 1500
     assert "interrupted" in stdout
-    assert sorted(path.name for path in out.iterdir()) == sorted(("solution.parquet", "verdict.json", *FIGURES))
+    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
 
 
 def test_no_traceback_in_a_process_of_its_own(tmp_path):

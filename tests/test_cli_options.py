@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from cli_tools import FIGURES, JOINTS, MUSCLES
+from cli_tools import FILES, JOINTS, MUSCLES
 from conftest import HANGING_MASS, MUSCLE_ACTUATOR
 
 import mjhcmc
@@ -51,7 +51,7 @@ def test_several_motions_go_into_a_folder_each(run, mot, tmp_path, blank_figures
     assert sorted(path.name for path in out.iterdir()) == ["one", "two"]
     for name in ("one", "two"):
         files = sorted(path.name for path in (out / name).iterdir())
-        assert files == sorted(("solution.parquet", "verdict.json", *FIGURES))
+        assert files == sorted(FILES)
     assert set(json.loads(outcome.out)["motions"]) == {"one", "two"}
     assert solution_of(out / "two").settings["motion"] == "two"
 

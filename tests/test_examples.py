@@ -1,5 +1,6 @@
 """The examples run from anywhere, write nothing where they are run, and show what they say they show."""
 
+import logging
 import re
 import runpy
 import sys
@@ -193,6 +194,92 @@ def test_calibration(run):
     assert np.abs(names["found"].values / names["true"] - 1).max() < 0.1
     assert out.count(" N, ") == 8
     assert not files
+
+
+def test_a_folder_of_motions(run):
+    names, out, files = run("12_folder_of_motions.py")
+    assert {"slow.mot", "slow.parquet", "brisk.parquet", "comfortable.parquet", "summary.csv"} <= set(files)
+    summary = pd.read_csv(files["summary.csv"], index_col="motion")
+    assert summary["holds"].all()
+    for name, row in summary.iterrows():
+        table = pd.read_parquet(files[f"{name}.parquet"])
+        assert row["mean/iliopsoas"] == pytest.approx(table["excitation/iliopsoas"].mean())
+        assert f"{name}: {len(table) - 1} windows" in out
+    assert list(summary.loc[["slow", "comfortable", "brisk"], "mean/iliopsoas"].diff().dropna() > 0) == [True, True]
+
+
+def test_report_and_video(run):
+    _, out, files = run("13_report_and_video.py")
+    page = files["report.html"].read_text(encoding="utf-8")
+    for word in ("soleus", "static optimization", "EMG"):
+        assert word in page
+    assert not re.search(r"""(src|href)=["']https?:""", page)
+    if "no video" not in out:
+        assert files["fast.gif"].read_bytes().startswith(b"GIF8")
+
+
+def test_plain_mujoco(run):
+    names, out, files = run("14_plain_mujoco.py")
+    assert set(files) == {"fast.parquet"}
+    assert names["off"] < 1e-9  # the same steps on the same model: rounding
+    assert np.rad2deg(np.abs(names["qpos"]).max()) > 15
+    assert names.get("apart", 0.0) < 1e-9
+    assert "dm_control" in out
+
+
+def test_hill_muscles(run):
+    names, out, files = run("15_hill_muscles.py")
+    assert {"hill.png", "hill.pdf"} <= set(files)
+    assert 0 <= names["apart"] < 1e-12
+    assert np.abs(names["engine"]).max() > 10  # N: there was something to agree on
+    assert np.abs(names["elastic"].activation - names["solution"].activation).max() > 0.01
+    assert "the verdict holds" in out
+
+
+@pytest.mark.filterwarnings("ignore:Attaching a spec")
+def test_a_model_of_myosuite(run):
+    pytest.importorskip("myo_sim")
+    try:
+        names, out, files = run("16_myosuite_model.py")
+    finally:
+        logging.disable(logging.NOTSET)
+    assert names["solution"].verdict.passed
+    assert names["error"] < 0.01
+    assert "solve takes this model" in out
+    assert not files
+
+
+def test_expert_trajectories(run):
+    pytest.importorskip("gymnasium")
+    _, out, files = run("17_expert_trajectories.py")
+    assert set(files) == {"expert.parquet"}
+    earned = {name: float(share) for name, share in re.findall(r"^(\w+) +earns +(\S+) %", out, re.MULTILINE)}
+    assert earned["expert"] > 98
+    assert earned["linear"] > 90
+    assert max(earned["zero"], earned["random"]) < 60
+
+
+@pytest.mark.parametrize(
+    ("name", "missing", "remedy"),
+    [
+        ("16_myosuite_model.py", "myo_sim", "pip install myo-sim"),
+        ("17_expert_trajectories.py", "gymnasium", "pip install 'mjhcmc[learn]'"),
+    ],
+)
+def test_what_an_example_needs_is_named(name, missing, remedy, monkeypatch):
+    monkeypatch.setitem(sys.modules, missing, None)
+    with pytest.raises(SystemExit) as told:
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+    assert remedy in str(told.value.code)
+    opening = (EXAMPLES / name).read_text(encoding="utf-8").split('\n"""')[0]
+    assert remedy.replace("'", '"') in opening
+
+
+def test_examples_are_short_and_listed():
+    listed = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    for path in sorted(EXAMPLES.glob("*.py")):
+        assert len(path.read_text(encoding="utf-8").splitlines()) < 60, path.name
+        assert f"]({path.name})" in listed
 
 
 def test_documents_name_the_distributions_that_are_drawn_from():

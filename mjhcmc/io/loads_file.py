@@ -56,7 +56,7 @@ def read_loads(
         if column_map is not None:
             raise SettingsError(f"{path}: says itself which columns it takes: leave column_map out")
         document = read_loads_xml(path)
-        entries, source = document.entries, _data_path(document, data, notices)
+        entries, source = document.entries, loads_table(document, data, notices)
     elif suffix in TABLE_SUFFIXES:
         if data is not None:
             raise SettingsError(f"{path}: is a table: leave data out, or give the .xml that describes the loads")
@@ -116,8 +116,8 @@ class _Axes:
         return vectors if np.array_equal(R, np.eye(3)) else np.asarray(vectors @ R.T)
 
 
-def _data_path(document: LoadsDocument, data: str | os.PathLike[str] | None, notices: list[str]) -> Path:
-    """The table that holds the loads."""
+def loads_table(document: LoadsDocument, data: str | os.PathLike[str] | None, notices: list[str]) -> Path:
+    """The table that holds the loads of a document; what the user may want to know of the choice joins the notices."""
     if data is not None:
         return Path(data)
     path = document.path

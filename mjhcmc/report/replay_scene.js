@@ -1,0 +1,449 @@
+// The scene: reads the data, puts bodies where they are at a time, draws them in an orthographic projection.
+// Vectors are arrays of three, matrices arrays of nine by rows; lengths in m.
+
+const LIGHT = unit([-0.45, 0.62, 0.65]); // right, up, towards the eye
+const SHADES = [-0.42, -0.3, -0.19, -0.09, 0, 0.1, 0.22, 0.36]; // from black to white, by steps of light
+const MIDDLE = 4;
+
+function unit(v) {
+  const l = Math.hypot(...v);
+  return v.map((x) => x / l);
+}
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const times = (m, v) => [0, 3, 6].map((r) => m[r] * v[0] + m[r + 1] * v[1] + m[r + 2] * v[2]);
+const product = (a, b) =>
+  [0, 1, 2, 3, 4, 5, 6, 7, 8].map((i) => {
+    const r = i - (i % 3), c = i % 3;
+    return a[r] * b[c] + a[r + 1] * b[c + 3] + a[r + 2] * b[c + 6];
+  });
+
+function matrixOf([w, x, y, z]) {
+  const s = 2 / (w * w + x * x + y * y + z * z);
+  return [
+    1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y),
+    s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x),
+    s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y),
+  ];
+}
+
+function rotationBy(v) { // Rodrigues' formula
+  const angle = Math.hypot(...v);
+  const a = angle > 1e-9 ? Math.sin(angle) / angle : 1;
+  const b = angle > 1e-9 ? (1 - Math.cos(angle)) / (angle * angle) : 0.5;
+  const [x, y, z] = v;
+  return [
+    1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y,
+    b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x,
+    b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y),
+  ];
+}
+
+function bytesOf(text) {
+  const raw = atob(text), bytes = new Uint8Array(raw.length);
+  for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
+  return bytes;
+}
+const unsigned = (text) => new Uint16Array(bytesOf(text).buffer);
+function numbersOf(packed) {
+  const whole = new Int16Array(bytesOf(packed.of).buffer);
+  return Float64Array.from(whole, (x) => x * packed.scale);
+}
+
+// darker or lighter: towards black or white
+function shaded(rgb, share) {
+  const goal = share < 0 ? 0 : 255, part = Math.abs(share);
+  return `rgb(${rgb.map((c) => Math.round(c + (goal - c) * part)).join(",")})`;
+}
+
+function readShape(told) {
+  const shape = { body: told.body, kind: told.kind, skin: told.skin || 0, radius: told.radius || 0, rgb: told.rgb };
+  shape.colours = SHADES.map((s) => shaded(told.rgb, s));
+  if (told.kind !== "mesh") {
+    shape.points = told.points;
+    return shape;
+  }
+  const v = numbersOf(told.vertices), f = unsigned(told.faces), n = v.length / 3;
+  for (let i = 0; i < v.length; i++) v[i] += told.middle[i % 3];
+  const normals = new Float64Array(f.length), edges = new Map();
+  for (let i = 0; i < f.length; i += 3) {
+    const [a, b, c] = [0, 1, 2].map((j) => [v[3 * f[i + j]], v[3 * f[i + j] + 1], v[3 * f[i + j] + 2]]);
+    const normal = cross(b.map((x, j) => x - a[j]), c.map((x, j) => x - a[j]));
+    const l = Math.hypot(...normal) || 1;
+    for (let j = 0; j < 3; j++) {
+      normals[i + j] = normal[j] / l;
+      const p = f[i + j], q = f[i + ((j + 1) % 3)], key = Math.min(p, q) * 65536 + Math.max(p, q);
+      if (!edges.has(key)) edges.set(key, [p, q]);
+      edges.get(key).push(i / 3);
+    }
+  }
+  const x = new Float64Array(n), y = new Float64Array(n);
+  return { ...shape, v, f, n, normals, edges: [...edges.values()], x, y, front: new Int8Array(f.length / 3), middle: told.middle };
+}
+
+class Scene {
+  constructor(data) {
+    this.data = data;
+    this.time = data.time;
+    this.count = data.time.length;
+    this.position = numbersOf(data.position);
+    this.turn = numbersOf(data.turn);
+    this.shift = numbersOf(data.shift);
+    this.shiftTurn = numbersOf(data.shift_turn);
+    this.hasGhost = data.moving.length > 0;
+    this.shapes = data.shapes.map(readShape);
+    const looks = new Map(); // what is translucent is one area for each look
+    for (const s of this.shapes.filter((s) => s.skin)) {
+      const look = `${s.rgb} ${s.skin}`;
+      looks.set(look, [...(looks.get(look) || []), s]);
+    }
+    this.skins = [...looks.values()];
+    this.bones = this.shapes.filter((s) => !s.skin);
+    const moves = new Set(data.moving);
+    this.ghosts = this.bones.filter((s) => moves.has(s.body));
+    this.activation = unsigned(data.activation);
+    this.excitation = unsigned(data.excitation);
+    this.wrapped = bytesOf(data.wrapped);
+    this.wrapPoints = numbersOf(data.wrap_points);
+    this.wrapAt = new Int32Array(this.wrapped.length + 1); // where each slot's two points are
+    for (let i = 0; i < this.wrapped.length; i++) this.wrapAt[i + 1] = this.wrapAt[i] + 6 * this.wrapped[i];
+    this.still = data.groups.map((g) => ({ at: g.at, turn: matrixOf(g.turn) }));
+    this.many = data.tendons.length;
+  }
+
+  // the frame at or before a time, and the part of the way to the next
+  place(time) {
+    const t = this.time;
+    let low = 0, high = this.count - 1;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (t[middle] <= time) low = middle;
+      else high = middle;
+    }
+    if (this.count < 2) return [0, 0];
+    return [low, Math.min(1, Math.max(0, (time - t[low]) / (t[low + 1] - t[low])))];
+  }
+
+  // a share of a muscle at a time; null where it is unknown. Activation goes evenly, excitation is constant between frames
+  activationAt(muscle, k, part) {
+    const m = this.data.muscles.length, a = this.activation[k * m + muscle];
+    const b = part > 0 ? this.activation[(k + 1) * m + muscle] : a;
+    return a === 65535 || b === 65535 ? null : (a + part * (b - a)) / 65534;
+  }
+  excitationAt(muscle, k, part) {
+    const e = this.excitation[(part >= 1 ? k + 1 : k) * this.data.muscles.length + muscle];
+    return e === 65535 ? null : e / 65534;
+  }
+
+  // the largest activation of muscles; null where one is unknown
+  largest(muscles, k, part) {
+    let found = -1;
+    for (const muscle of muscles) {
+      const a = this.activationAt(muscle, k, part);
+      if (a === null) return null;
+      found = Math.max(found, a);
+    }
+    return found < 0 ? null : found;
+  }
+  colourOf(a) {
+    return a === null ? this.data.unknown : this.data.colours[Math.round(a * (this.data.colours.length - 1))];
+  }
+
+  // poses of all groups at frame k and part of the way to the next, and of the desired ones with the error times factor
+  poses(k, part, factor) {
+    const { moving, centre } = this.data, n = moving.length;
+    const actual = this.still.slice(), ghost = this.still.slice();
+    const mixed = (of, width, i, j) => {
+      const at = (k * n + i) * width + j;
+      return part > 0 ? of[at] + part * (of[at + n * width] - of[at]) : of[at];
+    };
+    for (let i = 0; i < n; i++) {
+      const at = [0, 1, 2].map((j) => mixed(this.position, 3, i, j) + centre[j]);
+      const turn = matrixOf([0, 1, 2, 3].map((j) => mixed(this.turn, 4, i, j)));
+      actual[moving[i]] = { at, turn };
+      // points go along straight lines: actual + factor (desired - actual)
+      const away = rotationBy([0, 1, 2].map((j) => mixed(this.shiftTurn, 3, i, j)));
+      const scaled = away.map((x, j) => (j % 4 ? 0 : 1) + factor * (x - (j % 4 ? 0 : 1)));
+      ghost[moving[i]] = { at: at.map((x, j) => x + factor * mixed(this.shift, 3, i, j)), turn: product(turn, scaled) };
+    }
+    return [actual, ghost];
+  }
+
+  // the strands of a tendon: points in the world
+  strands(tendon, poses, k, part) {
+    const slots = this.data.slots, near = part > 0.5 ? k + 1 : k, centre = this.data.centre;
+    const found = [[]];
+    for (const stop of tendon.stops) {
+      const strand = found[found.length - 1];
+      if (Array.isArray(stop)) {
+        const { at, turn } = poses[stop[0]], v = times(turn, stop.slice(1));
+        strand.push([v[0] + at[0], v[1] + at[1], v[2] + at[2]]);
+      } else if (stop < 0) found.push([]);
+      else if (this.wrapped[near * slots + stop]) {
+        const here = this.wrapAt[near * slots + stop], other = part > 0 ? (near === k ? k + 1 : k) : near;
+        const both = this.wrapped[other * slots + stop], there = both ? this.wrapAt[other * slots + stop] : here;
+        const share = near === k ? part : 1 - part;
+        for (let j = 0; j < 6; j += 3)
+          strand.push([0, 1, 2].map((c) => {
+            const p = this.wrapPoints[here + j + c];
+            return p + share * (this.wrapPoints[there + j + c] - p) + centre[c];
+          }));
+      }
+    }
+    return found.filter((strand) => strand.length > 1);
+  }
+
+  // Draw at a time. camera: right, up, toward (unit vectors), target, scale (pixels a metre), x, y (pixels of the target).
+  // colours: ink, paper, ghost, edge, ground. Gives what the pointer can hit.
+  draw(ctx, camera, time, { ghost = true, factor = 1, chosen = -1, colours }) {
+    const [k, part] = this.place(time);
+    const [actual, wanted] = this.poses(k, part, factor);
+    const view = [...camera.right, ...camera.up, ...camera.toward];
+    const seen = (poses) =>
+      poses.map(({ at, turn }) => ({
+        turn: product(view, turn),
+        at: times(view, at.map((x, j) => x - camera.target[j])),
+      }));
+    const screen = (v) => [camera.x + camera.scale * v[0], camera.y - camera.scale * v[1], v[2]];
+    const world = (p) => screen(times(view, p.map((x, j) => x - camera.target[j])));
+    ctx.lineJoin = ctx.lineCap = "round";
+    this.drawGround(ctx, world, camera, colours);
+    const own = seen(actual);
+    if (ghost && this.hasGhost) {
+      const there = seen(wanted);
+      ctx.strokeStyle = ctx.fillStyle = colours.ghost;
+      ctx.lineWidth = 5;
+      fillOutlines(ctx, this.ghosts, there, camera, true);
+    }
+    for (const skins of this.skins) {
+      ctx.globalAlpha = skins[0].skin;
+      ctx.fillStyle = shaded(skins[0].rgb, 0);
+      fillOutlines(ctx, skins, own, camera, false);
+    }
+    ctx.globalAlpha = 1;
+    const items = this.bones.map((shape) => {
+      const { turn, at } = own[shape.body];
+      const middle = shape.kind === "capsule" ? shape.points[0].map((x, j) => (x + shape.points[1][j]) / 2)
+        : shape.kind === "mesh" ? shape.middle : shape.points[0];
+      return { depth: times(turn, middle)[2] + at[2], shape };
+    });
+    const width = Math.min(2.2, Math.max(0.5, camera.thick)) * (this.many > 200 ? 0.5 : this.many > 40 ? 0.7 : 1);
+    const hits = [];
+    this.data.tendons.forEach((tendon, i) => {
+      const a = this.largest(tendon.muscles, k, part), muscle = tendon.muscles.length > 0;
+      const strands = this.strands(tendon, actual, k, part).map((strand) => strand.map(world));
+      if (!strands.length) return;
+      const points = strands.flat(), depth = points.reduce((sum, p) => sum + p[2], 0) / points.length;
+      const item = {
+        depth, strands, muscles: tendon.muscles, index: i, colour: muscle ? this.colourOf(a) : tendon.rgb,
+        width: muscle ? width * (2.1 + 3.4 * (a || 0)) : width * 1.4,
+      };
+      items.push(item);
+      if (muscle) hits.push(item);
+    });
+    items.sort((a, b) => a.depth - b.depth);
+    for (const item of items)
+      if (item.shape) drawSolid(ctx, item.shape, own[item.shape.body], camera, colours);
+      else strokeStrands(ctx, item, item.index === chosen, colours);
+    ctx.globalAlpha = 0.3; // what is behind bones shines through
+    for (const item of items)
+      if (!item.shape) strokeLines(ctx, item.strands, item.colour, item.width);
+    ctx.globalAlpha = 1;
+    this.data.rings.forEach((ring, i) => {
+      const { turn, at } = actual[ring.body], p = world(times(turn, ring.at).map((x, j) => x + at[j]));
+      const a = this.largest(ring.muscles, k, part), index = this.many + i;
+      ctx.beginPath();
+      ctx.arc(p[0], p[1], 11 * width, 0, 2 * Math.PI);
+      ctx.lineWidth = width * (5 + 4 * (a || 0));
+      ctx.strokeStyle = index === chosen ? colours.ink : colours.paper;
+      ctx.stroke();
+      ctx.lineWidth = width * (3 + 4 * (a || 0));
+      ctx.strokeStyle = this.colourOf(a);
+      ctx.stroke();
+      hits.push({ strands: [[p, [p[0] + 0.01, p[1], p[2]]]], muscles: ring.muscles, index, width: 30 * width });
+    });
+    return hits;
+  }
+
+  drawGround(ctx, world, camera, colours) {
+    ctx.strokeStyle = colours.ground;
+    ctx.lineWidth = 1;
+    for (const plane of this.data.ground) {
+      const from = camera.target.map((x, j) => x - plane.at[j]), across = camera.reach;
+      const step = 10 ** Math.floor(Math.log10(across / 1.5)) * (across / 10 ** Math.floor(Math.log10(across)) > 4 ? 2.5 : 1);
+      const limits = plane.axes.map((axis, i) => {
+        const middle = dot(from, axis), half = plane.half[i] || Infinity;
+        return [Math.max(middle - 1.6 * across, -half), Math.min(middle + 1.6 * across, half)];
+      });
+      ctx.beginPath();
+      for (const i of [0, 1]) {
+        const [first, last] = limits[i], other = limits[1 - i];
+        for (let s = Math.ceil(first / step) * step; s <= last; s += step)
+          other.forEach((o, end) => {
+            const p = world(plane.at.map((x, j) => x + s * plane.axes[i][j] + o * plane.axes[1 - i][j]));
+            if (end) ctx.lineTo(p[0], p[1]);
+            else ctx.moveTo(p[0], p[1]);
+          });
+      }
+      ctx.stroke();
+    }
+  }
+}
+
+function strokeLines(ctx, strands, colour, width) {
+  ctx.beginPath();
+  for (const strand of strands) strand.forEach((p, i) => (i ? ctx.lineTo(p[0], p[1]) : ctx.moveTo(p[0], p[1])));
+  ctx.strokeStyle = colour;
+  ctx.lineWidth = width;
+  ctx.stroke();
+}
+
+function strokeStrands(ctx, item, chosen, colours) {
+  const width = item.width + (chosen ? 2 : 0);
+  strokeLines(ctx, item.strands, chosen ? colours.ink : colours.edge, width + (chosen ? 3 : 1));
+  strokeLines(ctx, item.strands, item.colour, width);
+}
+
+// an ellipsoid seen from far away: an ellipse whose half axes are the roots of the eigenvalues of M M^T
+function ellipseOf(shape, { turn, at }, camera) {
+  const c = times(turn, shape.points[0]), axes = shape.points.slice(1).map((p) => times(turn, p));
+  let xx = 0, xy = 0, yy = 0;
+  for (const a of axes) {
+    xx += a[0] * a[0];
+    xy -= a[0] * a[1];
+    yy += a[1] * a[1];
+  }
+  const mean = (xx + yy) / 2, off = Math.hypot((xx - yy) / 2, xy);
+  return {
+    x: camera.x + camera.scale * (c[0] + at[0]), y: camera.y - camera.scale * (c[1] + at[1]),
+    a: camera.scale * Math.sqrt(mean + off), b: camera.scale * Math.sqrt(Math.max(0, mean - off)),
+    angle: 0.5 * Math.atan2(2 * xy, xx - yy),
+  };
+}
+
+// both ends of a capsule on the screen, and its radius
+function endsOf(shape, { turn, at }, camera) {
+  const ends = shape.points.map((p) => {
+    const v = times(turn, p);
+    return [camera.x + camera.scale * (v[0] + at[0]), camera.y - camera.scale * (v[1] + at[1])];
+  });
+  if (Math.hypot(ends[0][0] - ends[1][0], ends[0][1] - ends[1][1]) < 0.05) ends[1][0] += 0.05; // a line of no length is not drawn
+  return [ends, camera.scale * shape.radius];
+}
+
+// vertices on the screen, and which faces are seen
+function project(shape, { turn, at }, camera) {
+  const { v, x, y, normals, front } = shape, t = turn, s = camera.scale;
+  for (let i = 0, j = 0; i < shape.n; i++, j += 3) {
+    x[i] = camera.x + s * (t[0] * v[j] + t[1] * v[j + 1] + t[2] * v[j + 2] + at[0]);
+    y[i] = camera.y - s * (t[3] * v[j] + t[4] * v[j + 1] + t[5] * v[j + 2] + at[1]);
+  }
+  for (let i = 0, j = 0; i < front.length; i++, j += 3)
+    front[i] = t[6] * normals[j] + t[7] * normals[j + 1] + t[8] * normals[j + 2] > 0 ? 1 : 0;
+}
+
+function addFace(ctx, { f, x, y }, i) {
+  ctx.moveTo(x[f[3 * i]], y[f[3 * i]]);
+  ctx.lineTo(x[f[3 * i + 1]], y[f[3 * i + 1]]);
+  ctx.lineTo(x[f[3 * i + 2]], y[f[3 * i + 2]]);
+}
+
+function addSilhouette(ctx, shape) {
+  for (const edge of shape.edges) {
+    let seen = 0;
+    for (let i = 2; i < edge.length; i++) seen += shape.front[edge[i]];
+    if (seen === 0 || (seen === edge.length - 2 && edge.length > 3)) continue;
+    ctx.moveTo(shape.x[edge[0]], shape.y[edge[0]]);
+    ctx.lineTo(shape.x[edge[1]], shape.y[edge[1]]);
+  }
+}
+
+// add what a solid covers to the path, all of it turning the same way, so that what overlaps is one area
+function addOutline(ctx, shape, pose, camera) {
+  if (shape.kind === "ellipsoid") {
+    const e = ellipseOf(shape, pose, camera);
+    ctx.moveTo(e.x + e.a * Math.cos(e.angle), e.y + e.a * Math.sin(e.angle));
+    ctx.ellipse(e.x, e.y, e.a, e.b, e.angle, 0, 2 * Math.PI, true);
+  } else if (shape.kind === "capsule") {
+    const [[p, q], r] = endsOf(shape, pose, camera), way = Math.atan2(q[1] - p[1], q[0] - p[0]), quarter = Math.PI / 2;
+    ctx.moveTo(q[0] + r * Math.cos(way + quarter), q[1] + r * Math.sin(way + quarter));
+    ctx.arc(...q, r, way + quarter, way - quarter, true);
+    ctx.arc(...p, r, way - quarter, way - 3 * quarter, true);
+    ctx.closePath();
+  } else {
+    project(shape, pose, camera);
+    for (let i = 0; i < shape.front.length; i++) if (shape.front[i]) addFace(ctx, shape, i);
+  }
+}
+
+function fillOutlines(ctx, shapes, poses, camera, rim) {
+  ctx.beginPath();
+  for (const shape of shapes) addOutline(ctx, shape, poses[shape.body], camera);
+  ctx.fill();
+  if (!rim) return;
+  ctx.beginPath();
+  for (const shape of shapes)
+    if (shape.kind === "mesh") {
+      project(shape, poses[shape.body], camera);
+      addSilhouette(ctx, shape);
+    } else addOutline(ctx, shape, poses[shape.body], camera);
+  ctx.stroke();
+}
+
+function drawSolid(ctx, shape, pose, camera, colours) {
+  const hue = shape.colours;
+  ctx.strokeStyle = colours.edge;
+  ctx.lineWidth = 1;
+  if (shape.kind === "ellipsoid") {
+    const e = ellipseOf(shape, pose, camera), fill = ctx.createRadialGradient(-0.35, -0.4, 0.05, 0, 0, 1);
+    hue.slice(1).reverse().forEach((c, i, all) => fill.addColorStop(i / (all.length - 1), c));
+    ctx.beginPath();
+    ctx.ellipse(e.x, e.y, e.a, e.b, e.angle, 0, 2 * Math.PI);
+    ctx.stroke();
+    ctx.save();
+    ctx.translate(e.x, e.y); // the light stays above, at the left, however the ellipse lies
+    ctx.rotate(e.angle);
+    ctx.scale(e.a, Math.max(e.b, 1e-3));
+    ctx.rotate(-e.angle);
+    ctx.fillStyle = fill;
+    ctx.beginPath();
+    ctx.arc(0, 0, 1, 0, 2 * Math.PI);
+    ctx.fill();
+    ctx.restore();
+  } else if (shape.kind === "capsule") {
+    const [[p, q], r] = endsOf(shape, pose, camera);
+    const line = (width, colour, off) => {
+      ctx.strokeStyle = colour;
+      ctx.lineWidth = width;
+      ctx.beginPath();
+      ctx.moveTo(p[0] - 0.7 * off, p[1] - off);
+      ctx.lineTo(q[0] - 0.7 * off, q[1] - off);
+      ctx.stroke();
+    };
+    line(2 * r + 1, colours.edge, 0);
+    [[2, 2, 0], [1.7, 3, 0.1], [1.35, 4, 0.17], [0.9, 5, 0.24], [0.45, 6, 0.3]].forEach(([w, c, off]) => line(w * r, hue[c], off * r));
+  } else {
+    project(shape, pose, camera);
+    ctx.beginPath();
+    addSilhouette(ctx, shape);
+    ctx.lineWidth = 1.6;
+    ctx.stroke();
+    const t = pose.turn, n = shape.normals; // the light in the frame of the solid
+    const light = [0, 1, 2].map((c) => LIGHT[0] * t[c] + LIGHT[1] * t[c + 3] + LIGHT[2] * t[c + 6]);
+    const level = (i) => light[0] * n[3 * i] + light[1] * n[3 * i + 1] + light[2] * n[3 * i + 2];
+    const by = SHADES.map(() => []), top = SHADES.length - 1;
+    for (let i = 0; i < shape.front.length; i++)
+      if (shape.front[i]) by[Math.max(0, Math.min(top, Math.round(((level(i) + 0.45) / 1.4) * top)))].push(i);
+    ctx.beginPath();
+    for (let i = 0; i < shape.front.length; i++) if (shape.front[i]) addFace(ctx, shape, i);
+    ctx.fillStyle = hue[MIDDLE];
+    ctx.fill();
+    by.forEach((faces, s) => {
+      if (s === MIDDLE || !faces.length) return;
+      ctx.beginPath();
+      for (const i of faces) addFace(ctx, shape, i);
+      ctx.fillStyle = hue[s];
+      ctx.fill();
+    });
+  }
+}

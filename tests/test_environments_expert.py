@@ -1,0 +1,235 @@
+"""HCMC as the expert: it is the method's own solve, comes back from elsewhere, earns most; and what it writes down."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import mjhcmc
+from mjhcmc import OutputError, SettingsError, SimulationError
+from mjhcmc.environments import (
+    Episodes,
+    Expert,
+    FeedbackExpert,
+    TrackingTask,
+    Trajectories,
+    expert_trajectories,
+    returns,
+)
+
+DT = 0.01
+
+
+@pytest.fixture(scope="module")
+def bare(leg8, slow):
+    """The slow movement by the muscles alone."""
+    return mjhcmc.hcmc(leg8, slow, DT, reserves=False)
+
+
+@pytest.fixture(scope="module")
+def written(leg8):
+    return expert_trajectories(leg8, ["fast"], n=3, disturbance=0.1, seed=4, start="random", noise=0.02)
+
+
+def followed(episodes, policy, seed=0, node=None, push=None):
+    """(n, nz) rad tracking errors of an episode; push: called with the plant before each window."""
+    task = episodes.task
+    episodes.reset(np.random.default_rng(seed), node)
+    errors, over = [task.tracking_error(episodes.node, episodes.state)], False
+    while not over:
+        if push is not None:
+            push(episodes)
+        outcome = episodes.step(policy(episodes.node, episodes.state))
+        errors.append(outcome.tracking_error)
+        over = outcome.terminated or outcome.truncated
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "implicit"])
+def test_undisturbed_it_is_the_solve(leg8, slow, bare, integrator):
+    solution = bare if integrator == "rk4" else mjhcmc.hcmc(leg8, slow, DT, reserves=False, integrator=integrator)
+    task = TrackingTask(leg8, slow, dt=DT, integrator=integrator)
+    expert, episodes = FeedbackExpert(task), Episodes(task)
+    episodes.reset(np.random.default_rng(0))
+    for k in range(task.n_window):
+        excitation = expert(k, episodes.state)
+        np.testing.assert_array_equal(excitation, solution.excitation[k])
+        episodes.step(excitation)
+    np.testing.assert_array_equal(episodes.state.qpos, solution.qpos[-1])
+
+
+def test_costs_are_the_methods(leg8, slow):
+    solution = mjhcmc.hcmc(leg8, slow, DT, reserves=False, cost="cubic", disabled=["gastroc"])
+    task = TrackingTask(leg8, replace(slow, span=(0.0, 0.3)), dt=DT)
+    expert = FeedbackExpert(task, cost="cubic", disabled=["gastroc"])
+    errors = followed(Episodes(task), expert)
+    np.testing.assert_allclose(errors, solution.tracking_error[:31], atol=1e-7)  # another span, other rms accelerations
+
+
+def test_asked_at_any_node_it_says_what_the_solve_did(leg8, slow, bare):
+    """It needs no past: from the solution's own states, in any order, it finds nearly the same excitations."""
+    expert = FeedbackExpert(TrackingTask(leg8, slow, dt=DT))
+    for k in (150, 3, 77, 76, 179):
+        np.testing.assert_allclose(expert(k, bare.state(k)), bare.excitation[k], atol=1e-3)
+
+
+@pytest.mark.parametrize("node", [0, 37, 90])
+def test_it_comes_back_from_a_wrong_start(leg8, slow, bare, node):
+    """Within half a second, from degrees away; open loop it does not."""
+    task = TrackingTask(leg8, slow, dt=DT, noise=np.deg2rad(3))
+    usual = np.abs(bare.tracking_error).max()
+    for seed in (1, 2):
+        errors = np.abs(followed(Episodes(task), FeedbackExpert(task), seed, node)).max(axis=1)
+        assert errors[0] > np.deg2rad(1)
+        assert errors[50:].max() < 2 * usual
+        alone = np.abs(followed(Episodes(task), Expert.of(bare), seed, node)).max(axis=1)
+        assert alone[50:].max() > 10 * errors[50:].max()
+
+
+def test_it_comes_back_from_a_push(leg8, slow, bare):
+    """A kick at .3 s: 50 deg/s at the knee."""
+    task = TrackingTask(leg8, slow, dt=DT)
+
+    def push(episodes):
+        if episodes.node == 30:
+            episodes.plant.mj_data.qvel[1] += np.deg2rad(50)
+
+    errors = np.rad2deg(np.abs(followed(Episodes(task), FeedbackExpert(task), push=push))).max(axis=1)
+    assert errors[31:40].max() > 0.3
+    assert errors[80:].max() < 2 * np.rad2deg(np.abs(bare.tracking_error).max())
+
+
+@pytest.mark.parametrize("movement", ["slow", "fast"])
+def test_it_earns_most(leg8, movement):
+    """Nearly all that there is, over random starts with noise; others far less."""
+    task = TrackingTask(leg8, movement, dt=DT, start="random", noise=np.deg2rad(1))
+    rng = np.random.default_rng(0)
+    policies = {
+        "expert": FeedbackExpert(task),
+        "zero": lambda node, state: np.zeros(8),
+        "random": lambda node, state: rng.random(8),
+        "constant": lambda node, state: np.full(8, 0.05),
+        "hold": lambda node, state: state.activation,
+    }
+    earned = returns(task, policies, n=6, seed=2)
+    for name, rows in earned.items():
+        assert (rows[:, 0] >= 0).all()
+        assert (rows[:, 0] <= rows[:, 1]).all()
+        np.testing.assert_array_equal(rows[:, 2], earned["expert"][:, 2])  # the same starts
+        if name != "expert":
+            assert rows[:, 0].sum() < 0.7 * earned["expert"][:, 0].sum()
+    assert earned["expert"][:, 0].sum() > 0.98 * earned["expert"][:, 2].sum()
+
+
+def test_bad_questions(leg8, slow, bare):
+    task = TrackingTask(leg8, slow, dt=DT)
+    expert = FeedbackExpert(task)
+    with pytest.raises(SettingsError, match="has 180 windows: none begins at node 180"):
+        expert(180, bare.state(180))
+    with pytest.raises(SettingsError, match="none begins at node 180"):
+        Expert.of(bare)(180, bare.state(180))
+    with pytest.raises(SettingsError, match="gain must be positive"):
+        FeedbackExpert(task, gain=0.0)
+    with pytest.raises(SettingsError, match="unknown cost 'least'"):
+        FeedbackExpert(task, cost="least")
+    with pytest.raises(SimulationError, match="diverged"):
+        expert(3, replace(bare.state(3), qvel=np.full(3, 1e200)))
+    expert(3, bare.state(3))  # and is itself again
+
+
+def test_trajectories_hold_together(leg8, written):
+    t = written
+    assert t.observation.shape == (len(t.time), len(t.observation_names))
+    assert t.action.shape == t.applied.shape == (len(t.time), 8)
+    assert t.action_names == leg8.muscle_names
+    ends = t.terminated | t.truncated
+    assert ends.sum() == 3
+    np.testing.assert_array_equal(np.flatnonzero(ends), np.flatnonzero(np.diff(t.episode, append=3)))
+    np.testing.assert_allclose(t.time, t.node * 0.01, atol=1e-12)
+    assert t.returns.shape == (3,)
+    assert t.returns.sum() == pytest.approx(t.reward.sum())
+    assert np.abs(t.applied - t.action).max() > 0.1  # disturbed
+    assert t.applied.min() >= 0
+    assert t.applied.max() <= 1
+    seen = dict(zip(t.observation_names, t.observation.T, strict=True))
+    task = TrackingTask(leg8, "fast")
+    way = task.windows.reference.qpos[t.node, 2] - seen["position/ankle"]
+    np.testing.assert_allclose(seen["to_desired/ankle/+0"], way, atol=1e-12)
+
+
+def test_trajectories_follow_from_what_was_applied(leg8, written):
+    """The environment under the applied excitations shows the same observations and rewards."""
+    task = TrackingTask(leg8, "fast", start="random", noise=0.02)
+    episodes = Episodes(task)
+    for i in range(3):
+        rows = np.flatnonzero(written.episode == i)
+        seen = episodes.reset(np.random.default_rng([4, 0, i]))
+        for row in rows:
+            np.testing.assert_array_equal(task.flat(seen), written.observation[row])
+            outcome = episodes.step(written.applied[row])
+            assert outcome.reward == written.reward[row]
+            seen = outcome.observation
+
+
+def test_trajectories_of_one_seed_are_the_same(leg8, written):
+    again = expert_trajectories(leg8, ["fast"], n=3, disturbance=0.1, seed=4, start="random", noise=0.02)
+    np.testing.assert_array_equal(again.action, written.action)
+    other = expert_trajectories(leg8, "fast", n=1, disturbance=0.1, seed=5, start="random", noise=0.02)
+    assert not np.array_equal(other.observation[0], written.observation[0])
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".parquet"])
+def test_trajectories_survive_a_file(tmp_path, written, suffix):
+    path = written.save(tmp_path / "new" / f"expert{suffix}")
+    assert [one.name for one in path.parent.iterdir()] == [path.name]
+    back = Trajectories.load(path)
+    for name in ("time", "episode", "motion", "node", "observation", "action", "applied", "reward", "truncated"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(written, name))
+    assert back.observation_names == written.observation_names
+    assert back.action_names == written.action_names
+    assert back.metadata == written.metadata
+    assert set(back.metadata["versions"]) == {"mjhcmc", "mujoco", "numpy"}
+    assert len(back.metadata["model_sha256"]) == 64
+    assert back.metadata["settings"]["noise"] == 0.02
+
+
+def test_other_tools_read_them(tmp_path, written):
+    table = pd.read_parquet(written.save(tmp_path / "expert.parquet"))
+    assert list(table.columns[:4]) == ["time", "episode", "motion", "node"]
+    np.testing.assert_array_equal(table["action/soleus"], written.action[:, 6])
+    with np.load(written.save(tmp_path / "expert.npz")) as file:
+        assert json.loads(str(file["metadata"]))["action_names"][6] == "soleus"
+
+
+def test_the_models_hash_tells_models_apart(leg8, written):
+    from mjhcmc.muscle_parameters import with_muscle_parameters
+
+    weaker = with_muscle_parameters(leg8, {"max_isometric_force": 0.9 * leg8.max_isometric_force})
+    other = expert_trajectories(weaker, "fast", n=1, dt=0.02)
+    same = expert_trajectories(leg8, "fast", n=1, dt=0.02)
+    assert other.metadata["model_sha256"] != written.metadata["model_sha256"] == same.metadata["model_sha256"]
+
+
+def test_bad_trajectories(tmp_path, leg8, written):
+    for choices, words in (
+        ({"n": 0}, "n must be a number of episodes"),
+        ({"disturbance": 2.0}, "disturbance must lie within 0..1; got 2.0"),
+        ({"motions": []}, "no motions"),
+        ({"nois": 0.1}, "'nois' is no setting of the task"),
+    ):
+        with pytest.raises(SettingsError, match=words):
+            expert_trajectories(leg8, **choices)
+    with pytest.raises(OutputError, match=r"use \.npz or \.parquet"):
+        written.save(tmp_path / "expert.csv")
+    (tmp_path / "in_the_way").write_text("")
+    with pytest.raises(OutputError, match="cannot be written"):
+        written.save(tmp_path / "in_the_way" / "expert.npz")
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    pd.DataFrame({"x": [1]}).to_parquet(tmp_path / "other.parquet")
+    (tmp_path / "other.bin").write_bytes(b"nothing")
+    for name in ("other.npz", "other.parquet", "other.bin", "none.npz"):
+        with pytest.raises(OutputError, match="holds no expert trajectories") as told:
+            Trajectories.load(tmp_path / name)
+        assert "\n" not in str(told.value)
