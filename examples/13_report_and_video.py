@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 
 import mjhcmc
-from mjhcmc.report.page import write_report
-from mjhcmc.viewing.video import write_video
 
 folder = Path(tempfile.mkdtemp())
 model = mjhcmc.MuscleModel.load("leg8")
@@ -21,7 +19,7 @@ solution = mjhcmc.hcmc(model, motion, dt=0.005)
 made_up = 1.2 * solution.excitation[:, :2] + 0.01
 emg = mjhcmc.Emg(solution.time[:-1], np.clip(made_up, 0, 1), ("IL", "GM"), raw=False)
 
-report = write_report(
+report = mjhcmc.write_report(
     solution,
     folder / "report.html",
     emg=emg,
@@ -32,7 +30,7 @@ print(f"{report}: {report.stat().st_size / 1e6:.1f} MB, no other file needed")
 
 # Tendons in the colour of activation, a quarter of real time. An .mp4 needs the extra: pip install "mjhcmc[view]".
 try:
-    video = write_video(solution, folder / "fast.gif", height=300, fps=20, speed=0.25)
+    video = mjhcmc.write_video(solution, folder / "fast.gif", height=300, fps=20, speed=0.25)
 except mjhcmc.OutputError as error:
     print(f"no video: {error}")
 else:

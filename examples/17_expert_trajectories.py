@@ -24,7 +24,7 @@ model = mjhcmc.MuscleModel.load("leg8")
 choices = {"start": "random", "noise": np.deg2rad(1)}
 
 # What the expert does from random nodes and postures, and how it comes back when its excitations are disturbed.
-path = expert_trajectories(model, "slow", n=20, disturbance=0.02, seed=1, **choices).save(folder / "expert.parquet")
+path = expert_trajectories(model, "slow", n=10, disturbance=0.02, seed=1, **choices).save(folder / "expert.parquet")
 seen = Trajectories.load(path)
 print(f"{len(seen.time)} windows of {len(seen.returns)} episodes in {path}")
 
@@ -44,7 +44,7 @@ policies = {
 }
 for name, policy in policies.items():
     earned, windows = 0.0, 0
-    for seed in range(4):
+    for seed in range(3):
         observation, info = env.reset(seed=seed)
         windows, over = windows + env.unwrapped.task.n_window - info["node"], False
         while not over:

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from mjhcmc.motion import Motion
     from mjhcmc.periodic import fit_harmonics
     from mjhcmc.plant import MujocoPlant
+    from mjhcmc.report.page import write_report
     from mjhcmc.saved import Saved, open_saved
     from mjhcmc.segments import joint_angles, segment_angles
     from mjhcmc.solution import Solution, WindowStatus
@@ -112,6 +113,7 @@ _HOME = {
     "sensitivity_table": "gradients.table",
     "static_optimization": "methods.static_optimization",
     "view_in_browser": "viewing.browser",
+    "write_report": "report.page",
     "write_video": "viewing.video",
 }
 
@@ -167,6 +169,7 @@ __all__ = [
     "sensitivity_table",
     "static_optimization",
     "view_in_browser",
+    "write_report",
     "write_video",
 ]
 

@@ -23,6 +23,7 @@ from mjhcmc.cli_emg import emg_command
 from mjhcmc.cli_engines import engines
 from mjhcmc.cli_live import live
 from mjhcmc.cli_patients import patients
+from mjhcmc.cli_report import report_command
 from mjhcmc.cli_sensitivity import sensitivity
 from mjhcmc.cli_solve import solve
 from mjhcmc.cli_support import (
@@ -30,6 +31,7 @@ from mjhcmc.cli_support import (
     FILE,
     INTERRUPTED,
     MUSCLE,
+    NO_CACHE,
     QUIET,
     VERBOSE,
     engine_notices,
@@ -181,6 +183,7 @@ def check(model: str, as_json: bool, verbose: int) -> int:
 for _command, _line in (
     (solve, "motion files to excitations"),
     (reproduce, "the paper's experiment, by every method"),
+    (report_command, "a page to look at, of what solve found"),
     (emg_command, "excitations beside measured EMG"),
     (sensitivity, "which muscle parameter moves which excitation"),
     (check, "what mjhcmc sees in a model, and every problem with it"),
@@ -208,6 +211,14 @@ def main(arguments: list[str] | None = None) -> None:
         fail(error.format_message())
     except MjhcmcError as error:
         fail(str(error))
+    except ModuleNotFoundError as error:
+        if (error.name or "mjhcmc").partition(".")[0] == "mjhcmc":
+            raise
+        fail(f"{error}: mjhcmc doctor tells what is missing here, and how to install it")
+    except RuntimeError as error:
+        if NO_CACHE not in str(error):
+            raise
+        fail(f"compiled code can be kept nowhere ({error}): set NUMBA_CACHE_DIR to a folder that you may write to")
     except (KeyboardInterrupt, click.Abort):
         click.echo("mjhcmc: interrupted before the work was done", err=True)
         sys.exit(INTERRUPTED)

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 """Exit code after an interrupt."""
 
+NO_CACHE = "cannot cache function"
+"""In what Numba says where it finds no folder that it may write compiled code to."""
+
 FILE = click.Path(path_type=Path)
 QUIET = click.option("--quiet", is_flag=True, help="No progress bar, no summary, no notices: errors only.")
 VERBOSE = click.option("-v", "--verbose", count=True, help="Log what is done on standard error; twice: in detail.")

@@ -55,8 +55,7 @@ def run_facts(
         "mjhcmc": __version__,
         "command": list(command),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {"python": platform.python_version(), **{name: _version(name) for name in _COUNTED}},
-        "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+        **_here(),
         "model": dict(model),
         "inputs": [dict(each) for each in inputs],
         "solution": {"file": solution.name, "sha256": sha256_of(solution)},
@@ -127,6 +126,33 @@ def compiled_sha256(model: MuscleModel) -> str:
     buffer = np.empty(mujoco.mj_sizeModel(m), dtype=np.uint8)
     mujoco.mj_saveModel(m, None, buffer)
     return hashlib.sha256(buffer.tobytes()).hexdigest()
+
+
+def _here() -> dict[str, Any]:
+    """Versions and platform."""
+    return {
+        "versions": {"python": platform.python_version(), **{name: _version(name) for name in _COUNTED}},
+        "platform": {
+            "system": platform.system(),
+            "release": platform.platform(),
+            "machine": platform.machine(),
+            "cores": os.cpu_count(),
+        },
+    }
+
+
+def made_by(run: Mapping[str, Any] | None) -> tuple[Any, ...]:
+    """What the bytes of a compiled model depend on: MuJoCo's version, system and machine.
+
+    Args:
+        run: what run.json holds; None: here and now.
+    """
+    facts = _here() if run is None else run
+    found = []
+    for name, key in (("versions", "mujoco"), ("platform", "system"), ("platform", "machine")):
+        part = facts.get(name)
+        found.append(part.get(key) if isinstance(part, dict) else None)
+    return tuple(found)
 
 
 def write_run(folder: Path, facts: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mjhcmc.errors import MjhcmcError, OutputError
-from mjhcmc.run_facts import RUN_FILE, compiled_sha256, is_shipped_name, read_run, sha256_of
+from mjhcmc.run_facts import RUN_FILE, compiled_sha256, is_shipped_name, made_by, read_run, sha256_of
 from mjhcmc.solution import Solution
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def _load(solution: Solution, source: str | Path | MuscleModel) -> MuscleModel:
 
 def _knows_model(run: dict[str, Any]) -> bool:
     told = run.get("model")
-    return isinstance(told, dict) and {"source", "sha256", "compiled_sha256"} <= set(told)
+    return isinstance(told, dict) and {"source", "shipped_name", "path", "sha256", "compiled_sha256"} <= set(told)
 
 
 def _of_run(solution: Solution, told: dict[str, Any], file: Path, run: dict[str, Any]) -> Solution:
@@ -129,8 +129,11 @@ def _of_run(solution: Solution, told: dict[str, Any], file: Path, run: dict[str,
         if path is None:
             raise _NoModel(f"{what} is not one of this mjhcmc: {_GIVE}")
     else:
-        source = path = file.parent / told["path"]  # of another folder: absolute
+        path = file.parent / told["path"]  # of another folder: absolute
         what = f"the model {path}"
+        if not path.is_file() and (beside := file.parent / path.name).is_file():
+            path = beside  # moved along with the solution
+        source = path
         if not path.is_file():
             raise _NoModel(f"{what} is not there any more: {_GIVE}, or put it back")
     another = f"{what} is not the one that was driven, it was changed since {run.get('date', 'then')}: {_GIVE}, "
@@ -144,12 +147,12 @@ def _of_run(solution: Solution, told: dict[str, Any], file: Path, run: dict[str,
 
 
 def _is_same(model: MuscleModel, path: Path, told: dict[str, Any], run: dict[str, Any]) -> bool:
-    """Whether a model is the one that was driven: as compiled, or as a file where another MuJoCo compiled it."""
-    import mujoco
+    """Whether a model is the one that was driven: as compiled, or as a file where it was compiled elsewhere.
 
-    if run.get("versions", {}).get("mujoco") == mujoco.__version__:
-        return bool(compiled_sha256(model) == told["compiled_sha256"])
-    return bool(sha256_of(path) == told["sha256"])
+    Another MuJoCo saves other bytes, and another machine may round otherwise.
+    """
+    same_here = made_by(run) == made_by(None)
+    return bool(compiled_sha256(model) == told["compiled_sha256"] if same_here else sha256_of(path) == told["sha256"])
 
 
 def _guessed(solution: Solution, file: Path) -> Solution:

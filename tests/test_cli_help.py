@@ -188,3 +188,27 @@ def test_the_doctor_takes_no_more(run, arguments):
     outcome = run("doctor", *arguments)
     assert outcome.code == 2
     assert len(outcome.errors) == 1
+
+
+# --- an installation that is not whole -----------------------------------------------------------------------------
+
+
+def test_a_package_that_is_missing_is_one_line(run, monkeypatch):
+    monkeypatch.setattr("mjhcmc.muscle_choice.check_muscle", lambda *_: __import__("no_such_package"))
+    outcome = run("reproduce", "--json")
+    assert outcome.code == 2
+    assert outcome.errors == [
+        "mjhcmc: error: No module named 'no_such_package': mjhcmc doctor tells what is missing here, and how to "
+        "install it"
+    ]
+
+
+def test_no_place_for_compiled_code_is_one_line(run, monkeypatch):
+    def refuse(*_):
+        raise RuntimeError("cannot cache function 'push': no locator available for file 'x.py'")
+
+    monkeypatch.setattr("mjhcmc.muscle_choice.check_muscle", refuse)
+    outcome = run("reproduce", "--json")
+    assert outcome.code == 2
+    assert len(outcome.errors) == 1
+    assert outcome.errors[0].endswith("set NUMBA_CACHE_DIR to a folder that you may write to")

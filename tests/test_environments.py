@@ -12,7 +12,7 @@ from myo_models import myo_model
 
 import mjhcmc
 from mjhcmc import MjhcmcError, MjhcmcWarning, SettingsError, SimulationError
-from mjhcmc.environments import Expert, TrackingTask
+from mjhcmc.environments import Episodes, Expert, TrackingTask
 
 gymnasium = pytest.importorskip("gymnasium")
 from mjhcmc.environments.gym import ID, TrackingEnv  # noqa: E402
@@ -294,6 +294,21 @@ def test_who_leaves_the_motion_is_lost(leg8):
         assert again.task.node == info["node"]
 
 
+@pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid value")
+def test_a_model_that_runs_away_is_lost_and_earns_nothing(leg8, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo keeps a log of it
+    task = TrackingTask(leg8, "slow")
+    episodes = Episodes(task)
+    episodes.reset(np.random.default_rng(0))
+    episodes.plant.mj_data.qvel[:] = 1e9
+    outcome = episodes.step(np.ones(8))
+    assert outcome.terminated
+    assert outcome.reward == 0
+    assert np.isfinite(task.flat(outcome.observation)).all()
+    episodes.reset(np.random.default_rng(0))
+    assert episodes.step(np.zeros(8)).reward > 0.9
+
+
 def test_actions_are_clipped(leg8):
     env = TrackingEnv(leg8, "fast")
     ends = []
@@ -348,6 +363,10 @@ def test_bad_use(leg8, fast, bare, fast_solution):
         env.step(np.full(8, np.nan))
     with pytest.raises(SettingsError, match="render_mode must be None or 'rgb_array'"):
         TrackingEnv(leg8, fast, render_mode="human")
+    with pytest.raises(SettingsError, match="has no camera 'above': it has side"):
+        TrackingEnv(leg8, fast, camera="above")
+    with pytest.raises(SettingsError, match=r"width must be a number of pixels; got 1\.5"):
+        TrackingEnv(leg8, fast, width=1.5)
     with pytest.raises(SettingsError, match="another motion or dt"):
         TrackingEnv(leg8, "slow", solution=bare)
     with pytest.raises(SettingsError, match="by integrator 'rk4', the task by 'euler'"):

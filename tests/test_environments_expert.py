@@ -75,17 +75,15 @@ def test_asked_at_any_node_it_says_what_the_solve_did(leg8, slow, bare):
         np.testing.assert_allclose(expert(k, bare.state(k)), bare.excitation[k], atol=1e-3)
 
 
-@pytest.mark.parametrize("node", [0, 37, 90])
-def test_it_comes_back_from_a_wrong_start(leg8, slow, bare, node):
+@pytest.mark.parametrize(("node", "seed"), [(0, 1), (37, 2), (110, 1)])
+def test_it_comes_back_from_a_wrong_start(leg8, slow, bare, node, seed):
     """Within half a second, from degrees away; open loop it does not."""
     task = TrackingTask(leg8, slow, dt=DT, noise=np.deg2rad(3))
-    usual = np.abs(bare.tracking_error).max()
-    for seed in (1, 2):
-        errors = np.abs(followed(Episodes(task), FeedbackExpert(task), seed, node)).max(axis=1)
-        assert errors[0] > np.deg2rad(1)
-        assert errors[50:].max() < 2 * usual
-        alone = np.abs(followed(Episodes(task), Expert.of(bare), seed, node)).max(axis=1)
-        assert alone[50:].max() > 10 * errors[50:].max()
+    errors = np.abs(followed(Episodes(task), FeedbackExpert(task), seed, node)).max(axis=1)
+    assert errors[0] > np.deg2rad(1)
+    assert errors[50:].max() < 2 * np.abs(bare.tracking_error).max()
+    alone = np.abs(followed(Episodes(task), Expert.of(bare), seed, node)).max(axis=1)
+    assert alone[50:].max() > 10 * errors[50:].max()
 
 
 def test_it_comes_back_from_a_push(leg8, slow, bare):
@@ -113,7 +111,7 @@ def test_it_earns_most(leg8, movement):
         "constant": lambda node, state: np.full(8, 0.05),
         "hold": lambda node, state: state.activation,
     }
-    earned = returns(task, policies, n=6, seed=2)
+    earned = returns(task, policies, n=3, seed=2)
     for name, rows in earned.items():
         assert (rows[:, 0] >= 0).all()
         assert (rows[:, 0] <= rows[:, 1]).all()
@@ -123,7 +121,8 @@ def test_it_earns_most(leg8, movement):
     assert earned["expert"][:, 0].sum() > 0.98 * earned["expert"][:, 2].sum()
 
 
-def test_bad_questions(leg8, slow, bare):
+def test_bad_questions(leg8, slow, bare, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo keeps a log of what diverges
     task = TrackingTask(leg8, slow, dt=DT)
     expert = FeedbackExpert(task)
     with pytest.raises(SettingsError, match="has 180 windows: none begins at node 180"):

@@ -1,7 +1,9 @@
 """The package as a user gets it: the wheel carries the leg, imports stay light, assets are found either way."""
 
+import re
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -52,6 +54,29 @@ def test_the_wheel_holds_what_it_needs_and_no_more(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {"mjhcmc/assets/leg8.xml", "mjhcmc/py.typed", "mjhcmc/leg8/parameters.json"} <= names
     assert not [name for name in names if name.startswith(("tests/", "benchmarks/", "docs/", "examples/"))]
+    # what lies among the modules is read by them: styles and scripts of the report
+    beside = {
+        path for path in (ROOT / "mjhcmc").rglob("*.*") if path.is_file() and path.suffix in (".css", ".js", ".html")
+    }
+    assert beside
+    assert {path.relative_to(ROOT).as_posix() for path in beside} <= names
+
+
+def test_extras_are_told_and_all_of_them_bring_something():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    told = re.findall(r"^\| `(\w+)` \|", page.partition("## Extras")[2].partition("\n## ")[0], re.MULTILINE)
+    assert sorted(told) == sorted(extras)
+    named = {name for line in extras["all"] for name in re.search(r"\[(.*)\]", line)[1].split(",")}
+    assert named == set(extras) - {"all", "engines", "test", "docs", "lint"}
+
+
+def test_messages_name_extras_that_there_are():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    for path in (ROOT / "mjhcmc").rglob("*.py"):
+        for names in re.findall(r"mjhcmc\[([a-z0-9,]+)\]", path.read_text(encoding="utf-8")):
+            assert set(names.split(",")) <= set(extras), path
 
 
 def test_assets_are_found_in_the_repository_root_when_editable(tmp_path):

@@ -198,10 +198,22 @@ def test_a_model_that_changed_or_went_is_left_out(arm, change, words):
     assert "\n" not in saved.why_no_model
 
 
-def test_the_hash_of_the_file_decides_where_another_mujoco_compiled_it(arm):
+def test_a_model_that_was_moved_into_the_solutions_folder_is_found(arm):
     model, out = arm
-    facts = json.loads((out / "run.json").read_text())
-    facts["versions"]["mujoco"], facts["model"]["compiled_sha256"] = "3.0.0", "0" * 64
+    shutil.move(model, out / model.name)
+    assert mjhcmc.open_saved(out).solution.model is not None
+    (out / model.name).write_text(STRONGER)
+    assert "not the one that was driven" in mjhcmc.open_saved(out).why_no_model
+
+
+@pytest.mark.parametrize(
+    "elsewhere",
+    [{"versions": {"mujoco": "3.0.0"}}, {"platform": {"system": "Linux", "machine": "riscv"}}, {"versions": None}],
+)
+def test_the_hash_of_the_file_decides_where_it_was_compiled_elsewhere(arm, elsewhere):
+    model, out = arm
+    facts = json.loads((out / "run.json").read_text()) | elsewhere
+    facts["model"]["compiled_sha256"] = "0" * 64
     (out / "run.json").write_text(json.dumps(facts))
     assert mjhcmc.open_saved(out).solution.model is not None
     model.write_text(STRONGER)

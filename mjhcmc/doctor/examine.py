@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from mjhcmc.cli_support import NO_CACHE
 from mjhcmc.doctor import packages, pictures, small_solve
 from mjhcmc.doctor.packages import DEVELOPERS, Package
 from mjhcmc.doctor.pictures import Pictures
@@ -79,7 +80,7 @@ def examine(*, thorough: bool = False) -> Examination:
         problems, needed, parts = _packages(thorough)
         drawn = pictures.gather(drawing)
         solve = small_solve.gather(solving, cold)
-    if solve.problem and small_solve.NO_CACHE in solve.problem:
+    if solve.problem and NO_CACHE in solve.problem:
         problems.append(
             f"compiled code can be kept nowhere ({solve.problem}): set NUMBA_CACHE_DIR to a folder that you may write "
             "to"

@@ -99,7 +99,7 @@ def read_requirements() -> Requirements | None:
     return Requirements(
         about.metadata["Requires-Python"] or "",
         _applicable([each for each in asked if each not in by_extra]),
-        {name: _applicable(by_extra, name) for name in names},
+        _own({name: _applicable(by_extra, name) for name in names}),
         "installed",
     )
 
@@ -111,6 +111,16 @@ def _applicable(asked: Sequence[Requirement], extra: str = "") -> tuple[Requirem
         for each in asked
         if each.name != "mjhcmc" and (each.marker is None or each.marker.evaluate({"extra": extra}))
     )
+
+
+def _own(extras: Mapping[str, tuple[Requirement, ...]]) -> dict[str, tuple[Requirement, ...]]:
+    """What each extra brings itself: in metadata, one that names others holds what those bring."""
+    names = {extra: {each.name for each in brought} for extra, brought in extras.items()}
+    found = {}
+    for extra, brought in extras.items():
+        others = set().union(*(other for other in names.values() if other < names[extra]))
+        found[extra] = tuple(each for each in brought if each.name not in others)
+    return found
 
 
 def look_up(asked: Requirement, remedy: str | None = None) -> Package:

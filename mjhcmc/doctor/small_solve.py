@@ -18,9 +18,6 @@ _RUN = "from mjhcmc.doctor.small_solve import main; main()"
 _PATIENCE = 300.0  # s: compiling everything takes ten to thirty
 _WINDOWS = 5
 _BOUND_DEG = 0.2  # the ankle is off by .076 deg there, the paper's CMC by degrees
-NO_CACHE = "cannot cache function"
-"""In what Numba says where it finds no folder that it can write to."""
-
 _BALANCE = 1e-6  # N m: R^T F + reserve is the net joint moment
 
 

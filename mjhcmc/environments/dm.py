@@ -55,7 +55,8 @@ def tracking(
 
     Returns:
         A ``dm_control.rl.control.Environment``. Where loads act or joints are prescribed its physics leads them at each
-        step (`LedPhysics`); it cannot be copied then.
+        step (`LedPhysics`); it cannot be copied then. A model that runs away within a window raises dm_control's own
+        ``PhysicsError``, unless ``physics.suppress_physics_errors()`` is in force.
 
     Raises:
         SettingsError: an unknown setting or a value outside its valid ones; the rest as `TrackingTask`.

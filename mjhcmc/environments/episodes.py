@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjhcmc.environments.task import TrackingTask
+from mjhcmc.environments.task import TrackingTask, is_finite
 from mjhcmc.errors import SettingsError, SimulationError
 from mjhcmc.plant import MujocoPlant, State
 
@@ -108,13 +108,13 @@ class Episodes:
         self.plant.mj_data.time = task.time[self.node]
         state = self.state
         lost, done = task.is_lost(self.node, state), self.node == task.n_window
-        if not np.isfinite(state.qpos).all() or not np.isfinite(state.qvel).all():
-            state = replace(state, **{k: np.nan_to_num(getattr(state, k)) for k in ("qpos", "qvel", "activation")})
-            self.plant.set_state(state)
-        observation = self._within(task.observe(self.node, state, self.paths()))
         self._over = lost or done
         tracking, effort = task.terms(self.node, state)
         reward, error = task.reward(self.node, state), task.tracking_error(self.node, state)
+        if not is_finite(state):  # what is observed must be a number all the same
+            state = replace(state, **{k: np.nan_to_num(getattr(state, k)) for k in ("qpos", "qvel", "activation")})
+            self.plant.set_state(state)
+        observation = self._within(task.observe(self.node, state, self.paths()))
         return Outcome(observation, reward, lost, done and not lost, tracking, effort, error)
 
     def _within(self, observation: dict[str, Array]) -> dict[str, Array]:

@@ -24,6 +24,7 @@ except ImportError as error:
     raise SettingsError("gymnasium is not installed: pip install 'mjhcmc[learn]'") from error
 
 if TYPE_CHECKING:
+    from mjhcmc.model import MuscleModel
     from mjhcmc.plant import State
 
 ID = "mjhcmc/Track-v0"
@@ -46,7 +47,7 @@ class TrackingEnv(gymnasium.Env[Any, Array]):
         flat: observe one array; False: a dict.
         width: of pictures, pixels.
         height: likewise.
-        camera: a camera's name; None: MuJoCo's free camera.
+        camera: a camera's name; None: the model's first, or MuJoCo's free camera.
         choices: loads, solution and settings, see `TrackingTask`.
 
     Attributes:
@@ -73,7 +74,11 @@ class TrackingEnv(gymnasium.Env[Any, Array]):
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise SettingsError(f"render_mode must be None or 'rgb_array'; got {render_mode!r}")
+        for name, value in (("width", width), ("height", height)):
+            if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 1:
+                raise SettingsError(f"{name} must be a number of pixels; got {value!r}")
         self.task = task = TrackingTask(model, motion, **choices)
+        _check_camera(task.model, camera)
         self.render_mode, self._flat = render_mode, flat
         self._size, self._camera = (height, width), camera
         self._renderer: Any = None
@@ -160,7 +165,11 @@ class TrackingEnv(gymnasium.Env[Any, Array]):
         state = self.state
         data.qpos[:], data.act[self.task.model.act_index] = state.qpos, state.activation
         mujoco.mj_forward(m, data)
-        self._renderer.update_scene(data, camera=-1 if self._camera is None else self._camera)
+        looks = mujoco.MjvOption()
+        looks.flags[mujoco.mjtVisFlag.mjVIS_ACTUATOR] = True  # with mjVIS_ACTIVATION: tendons take the colour of act
+        looks.flags[mujoco.mjtVisFlag.mjVIS_ACTIVATION] = True
+        camera = self._camera if self._camera is not None else 0 if m.ncam else -1
+        self._renderer.update_scene(data, camera=camera, scene_option=looks)
         return self._renderer.render()
 
     def close(self) -> None:
@@ -168,6 +177,14 @@ class TrackingEnv(gymnasium.Env[Any, Array]):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+
+def _check_camera(model: MuscleModel, camera: str | None) -> None:
+    m = model.mj_model
+    names = [m.camera(i).name for i in range(m.ncam)]
+    if camera is not None and camera not in names:
+        known = f"it has {', '.join(names)}" if names else "it has none: leave camera out"
+        raise SettingsError(f"model {model.name!r} has no camera {camera!r}: {known}")
 
 
 def register() -> None:

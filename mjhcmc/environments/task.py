@@ -30,7 +30,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -109,7 +108,7 @@ class TrackingTask:
         self._scale = np.where(hinge, s.error_scale, s.error_scale_slide)
         self._bound = np.where(hinge, s.bound, s.bound_slide)
         self.parts = self._parts()
-        self._start_at = lru_cache(maxsize=None)(self._found_start)
+        self._starts: dict[int, State] = {}
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -201,7 +200,12 @@ class TrackingTask:
         return np.asarray(self._space.of(self._space.difference(state.qpos, self._qpos[node])))
 
     def terms(self, node: int, state: State) -> tuple[float, float]:
-        """What the reward of the window that ends at a node is made of: exp(-mean_z (e/scale)^2) and mean(a^2)."""
+        """What the reward of the window that ends at a node is made of: exp(-mean_z (e/scale)^2) and mean(a^2).
+
+        0 and 1 of a model that ran away.
+        """
+        if not is_finite(state):
+            return 0.0, 1.0
         error = self.tracking_error(node, state) / self._scale
         return math.exp(-float(np.mean(error**2))), float(np.mean(state.activation**2))
 
@@ -213,8 +217,7 @@ class TrackingTask:
 
     def is_lost(self, node: int, state: State) -> bool:
         """Whether the model has left the motion, or is nowhere at all."""
-        whole = bool(np.isfinite(state.qpos).all() and np.isfinite(state.qvel).all())
-        return not whole or bool(np.any(np.abs(self.tracking_error(node, state)) > self._bound))
+        return not is_finite(state) or bool(np.any(np.abs(self.tracking_error(node, state)) > self._bound))
 
     def first(self, rng: np.random.Generator, node: int | None = None) -> tuple[int, State]:
         """Where an episode begins.
@@ -236,9 +239,14 @@ class TrackingTask:
         state = self._start_at(int(node))
         return int(node), self._disturbed(state, rng) if self.settings.noise else state
 
+    def _start_at(self, node: int) -> State:
+        """The state in which episodes begin at a node; each is found once."""
+        if node not in self._starts:
+            known = self._solution
+            self._starts[node] = self._found_start(node) if known is None else known.state(node)
+        return self._starts[node]
+
     def _found_start(self, node: int) -> State:
-        if self._solution is not None:
-            return self._solution.state(node)
         target, model = self.windows.target, self.model
         unknown = np.full(model.n_muscle, np.nan)
         state = State(
@@ -255,6 +263,11 @@ class TrackingTask:
         if model.coupling is not None:
             qpos = model.coupling.project(qpos)
         return replace(state, qpos=qpos)
+
+
+def is_finite(state: State) -> bool:
+    """Whether a state is one that a model can be in."""
+    return all(bool(np.isfinite(part).all()) for part in (state.qpos, state.qvel, state.activation))
 
 
 def _motion(motion: Motion | str | Path, model: MuscleModel) -> Motion:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +59,7 @@ def detail_of(solution: Solution) -> tuple[Thinned | None, str]:
 def _some_nodes(solution: Solution, nodes: NDArray[np.intp]) -> Solution:
     """The solution at some nodes alone; what holds over a window is that of the window which starts there."""
     windows = nodes[:-1]
-    changes = {}
+    changes: dict[str, Any] = {}
     for item in fields(solution):
         value = getattr(solution, item.name)
         if isinstance(value, np.ndarray) and item.name != "dof_is_rotation":

@@ -18,7 +18,6 @@ from mjhcmc.report.units import length, limits, load, load_unit, percent, way, w
 from mjhcmc.solution import RESERVE_SHARE, Solution, moment_scale
 from mjhcmc.verify import MAX_RESERVE_SHARE
 
-
 _FOLD = {
     "dependent": "Joints that follow others",
     "prescribed": "Joints that follow the motion",
@@ -102,12 +101,12 @@ def moment_section(book: Book, solution: Solution, detail: Thinned | None, why_n
         entries.insert(2, ("unmet", "unmet: what nothing gave"))
     if solution.external_load[:, driven].any():
         entries.append(("load", "load from outside"))
-    if detail is not None:
+    if any(rest for _, rest, _ in named):
         entries.append(("others", "other muscles"))
     text = (
         "Each area is what one muscle adds, named below its panel: stacked upward from zero where it is positive, "
         "downward where it is negative. Where both are large, muscles work against each other; together with the "
-        "reserve they add up to the net joint moment. A muscle has the same colour at each joint it crosses."
+        f"reserve they add up to the net joint moment. {_colour_words(named)}"
         if detail is not None
         else f"Muscle contributions are left out: {why_not}"
     )
@@ -122,8 +121,9 @@ def moment_section(book: Book, solution: Solution, detail: Thinned | None, why_n
                 (
                     element("h3", "Residuals"),
                     paragraphs(
-                        "What keeps these joints on the motion beside muscles and loads from outside. It should be small "
-                        "beside the ground reaction and the moments above."
+                        "What keeps these joints on the motion beside muscles and loads from outside: small beside the "
+                        "ground reaction where model and loads are complete. Where the model is a part of the body, "
+                        "it holds what the rest of the body gives."
                     ),
                     grid(own, "medium"),
                 )
@@ -133,6 +133,17 @@ def moment_section(book: Book, solution: Solution, detail: Thinned | None, why_n
         ),
         panels + own,
     )  # fmt: skip
+
+
+def _colour_words(named: list[tuple[list[int], list[int], dict[int, str]]]) -> str:
+    """Whether a muscle has one colour all over: of many, nine colours do not suffice."""
+    found: dict[int, set[str]] = {}
+    for _, _, looks in named:
+        for muscle, look in looks.items():
+            found.setdefault(muscle, set()).add(look)
+    if all(len(own) == 1 for own in found.values()):
+        return "A muscle has the same colour at each joint it crosses."
+    return "There are more muscles than colours: the legend below a panel is for that panel."
 
 
 def _moment_panel(
@@ -167,7 +178,7 @@ def _moment_panel(
         if values[k]:
             share = float(abs(values[k])) / scale
             above = ", above the threshold" if share > MAX_RESERVE_SHARE and word == "reserve" else ""
-            parts.append(f"{word} up to {percent(share)} of it at {solution.time[k]:.3f} s{above}")
+            parts.append(f"{word} up to {percent(share)} of it, at {solution.time[k]:.3f} s{above}")
     note = "; ".join(parts)
     below = "reserve, unmet" if unmet.any() else "reserve"
     rows = [Row(f"{quantity} ({unit})", 3.0), Row(f"{below} ({unit})", 1.0, limits=(-most, most))]

@@ -9,7 +9,7 @@ import numpy as np
 from mjhcmc.emg_comparison import EmgComparison, MuscleAgreement
 from mjhcmc.plotting.panels import readable
 from mjhcmc.report.contributions import Thinned
-from mjhcmc.report.markup import Html, bullets, element, joined, paragraphs, section
+from mjhcmc.report.markup import Html, element, paragraphs, section
 from mjhcmc.report.panel import Line, Panel, Row, grid, key_of
 from mjhcmc.report.series import Book, spans
 from mjhcmc.report.units import short
@@ -137,10 +137,11 @@ def emg_words(emg: EmgComparison) -> list[str]:
     """What was compared, and how the numbers are meant."""
     median = {key: value for key, value in emg.medians().items() if np.isfinite(value)}
     text = (
-        f"EMG: {emg.emg}, {len(emg.muscles)} muscles measured, {emg.time[0]:.3f} to {emg.time[-1]:.3f} s. Envelopes are "
-        "drawn scaled to the excitation by least squares: their shape can be judged, their size not. r is the correlation "
-        f"of excitation and EMG, best the largest within lags of {1e3 * emg.settings['delay']:g} ms (positive: excitation "
-        "comes after EMG), overlap the time in which both are on over that in which either is, MAE the mean difference."
+        f"EMG: {emg.emg}, {len(emg.muscles)} muscles measured, {emg.time[0]:.3f} to {emg.time[-1]:.3f} s. Envelopes "
+        "are drawn scaled to the excitation by least squares: their shape can be judged, their size not. r is the "
+        "correlation of excitation and EMG, best the largest within lags of "
+        f"{1e3 * emg.settings['delay']:g} ms (positive: excitation comes after EMG), overlap the time in which both "
+        "are on over that in which either is, MAE the mean difference."
     )
     if {"r", "r_best", "above_others"} <= set(median):
         text += (
@@ -223,13 +224,3 @@ def state_section(book: Book, solution: Solution, detail: Thinned | None, why_no
         ),
         panels,
     )  # fmt: skip
-
-
-def others_words(others: Mapping[str, Solution], solution: Solution) -> Html:
-    """Which muscles the solutions beside have, where not all."""
-    lines = []
-    for label, other in others.items():
-        common = [name for name in solution.muscle_names if name in other.muscle_names]
-        if len(common) < len(solution.muscle_names):
-            lines.append(f"{label} has {len(common)} of the {len(solution.muscle_names)} muscles.")
-    return joined([bullets(lines)])

@@ -161,9 +161,9 @@ def _replay_section(solution: Solution, why_not: str) -> tuple[ReplayPart | None
         "replay", "Replay",
         element(
             "p",
-            "The model as its muscles move it, tendons coloured by activation, and where it should be. A click into any "
-            "plot moves the replay there; the line in the plots is its time. Drag across a plot to look closer, in all of "
-            "them at once; a double click shows the whole again.",
+            "The model as its muscles move it, tendons coloured by activation, and where it should be. A click into "
+            "any plot moves the replay there; the line in the plots is its time. Drag across a plot to look closer, in "
+            "all of them at once; a double click shows the whole again.",
             class_="on-screen",
         ),
         Html(f'<div id="replay-player">{part.html}</div>'),
@@ -187,10 +187,11 @@ def _beside(solution: Solution, others: Mapping[str, Solution]) -> Html:
             )
         )  # fmt: skip
     head = ("Solution", "Method", "Verdict", "RMS error, worst joint", "Reserve, worst joint", "Mean Σ activation²")
+    own = set(solution.muscle_names)
     notes = [
-        f"{label} has {len(set(one.muscle_names) & set(solution.muscle_names))} of the {len(solution.muscle_names)} muscles."
+        f"{label} has {len(own & set(one.muscle_names))} of the {len(own)} muscles."
         for label, one in others.items()
-        if not set(solution.muscle_names) <= set(one.muscle_names)
+        if not own <= set(one.muscle_names)
     ]
     return element(
         "section", element("h3", "Beside others"), table(head, rows, "Solutions side by side"), paragraphs(*notes)
@@ -201,9 +202,9 @@ def _thinned_words(solution: Solution, book: Book) -> str:
     if not book.thinned:
         return ""
     return (
-        f"The motion has {len(solution.time)} nodes. Lines of more than {MOST_POINTS} points are thinned for the screen: of "
-        "each stretch of time the least and the largest value are drawn, so that no peak is lost. Verdict and tables are "
-        "of all nodes."
+        f"The motion has {len(solution.time)} nodes. Lines of more than {MOST_POINTS} points are thinned for the "
+        "screen: of each stretch of time the least and the largest value are drawn, so that no peak is lost. Verdict "
+        "and tables are of all nodes."
     )
 
 
@@ -236,7 +237,7 @@ def _page(
             element("a", "To the verdict", href="#verdict", class_="skip"),
             element(
                 "div", head,
-                element("noscript", paragraphs("Plots and replay need JavaScript; verdict and tables are here without.")),
+                element("noscript", paragraphs("Plots and replay need JavaScript; verdict and tables do not.")),
                 element(
                     "div", element("nav", element("ol", *links), class_="toc", aria_label="Contents"),
                     element("main", paragraphs(thinned), joined(parts)), class_="columns",
@@ -259,5 +260,5 @@ def _page(
 
 
 def _script(text: str) -> Html:
-    """A script element; ``</script`` in a string of it may not end it."""
-    return Html("<script>" + text.replace("</script", "<\\/script") + "</script>")
+    """A script element; what stands in its strings may not end it, nor begin a comment."""
+    return Html("<script>" + text.replace("</script", "<\\/script").replace("<!--", "<\\!--") + "</script>")

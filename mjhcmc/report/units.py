@@ -32,7 +32,7 @@ def short(value: float) -> str:
 def percent(share: float) -> str:
     """A share as percent; one too small to matter only as such."""
     value = 100 * float(share)
-    return f"{short(value) if value >= 0.01 or value == 0 else 'less than 0.01'} %"
+    return f"{short(value) if value >= 0.01 or value == 0 else '< 0.01'} %"
 
 
 def way(solution: Solution, j: int) -> tuple[str, float]:

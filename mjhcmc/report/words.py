@@ -59,16 +59,16 @@ def reasons_against(solution: Solution) -> list[str]:
     if over.size:
         j = int(over[np.argmax(share[over])])
         found.append(
-            f"at {dof_name(solution, j)} the reserve reaches {percent(share[j])} of the peak moment, above the threshold "
-            f"of {percent(MAX_RESERVE_SHARE)}{_and_more(over)}"
+            f"at {dof_name(solution, j)} the reserve reaches {percent(share[j])} of the peak moment, above the "
+            f"threshold of {percent(MAX_RESERVE_SHARE)}{_and_more(over)}"
         )
     part = rms / limits(solution)
     over = np.flatnonzero(part > 1)
     if over.size:
         j = int(over[np.argmax(part[over])])
         found.append(
-            f"at {dof_name(solution, j)} the tracking error is {length(solution, j, rms[j])} RMS, above the threshold of "
-            f"{length(solution, j, limits(solution)[j])}{_and_more(over)}"
+            f"at {dof_name(solution, j)} the tracking error is {length(solution, j, rms[j])} RMS, above the "
+            f"threshold of {length(solution, j, limits(solution)[j])}{_and_more(over)}"
         )
     if solution.interrupted:
         found.append(f"the solve was interrupted at {solution.time[-1]:.3f} s, before the motion's end")
@@ -123,8 +123,8 @@ def _worst(solution: Solution) -> Html:
         facts.append(
             (
                 "Worst joint",
-                f"{dof_name(solution, j)}: off by up to {length(solution, j, abs(error[k]))}, at {solution.time[k]:.3f} s; "
-                f"RMS {length(solution, j, solution.verdict.tracking_rms[j])}",
+                f"{dof_name(solution, j)}: off by up to {length(solution, j, abs(error[k]))}, at "
+                f"{solution.time[k]:.3f} s; RMS {length(solution, j, solution.verdict.tracking_rms[j])}",
             )
         )
     if solution.muscle_names:
@@ -171,8 +171,8 @@ def _largest_reserve(solution: Solution) -> str:
     j = int(np.argmax(share))
     k = int(np.argmax(reserve[:, j]))
     return (
-        f"{dof_name(solution, j)}: {load(solution, j, reserve[k, j])} at {solution.time[k]:.3f} s, {percent(share[j])} of "
-        "its peak moment"
+        f"{dof_name(solution, j)}: {load(solution, j, reserve[k, j])} at {solution.time[k]:.3f} s, {percent(share[j])} "
+        "of its peak moment"
     )
 
 
@@ -268,8 +268,8 @@ def _shown(solution: Solution) -> list[int]:
 def _whose_errors(solution: Solution) -> str:
     led = [dof_name(solution, j) for j in with_role(solution, "prescribed")]
     text = (
-        "The errors are those of the model driven by its muscles: excitation, activation, force, motion. No joint moment "
-        "moves the skeleton but the reserves that are shown."
+        "The errors are those of the model driven by its muscles: excitation, activation, force, motion. No joint "
+        "moment moves the skeleton but the reserves that are shown."
     )
     if led:
         text += f" These joints were not left to muscles but follow the motion: {_listed(led)}."
@@ -310,14 +310,15 @@ def _replay_words(solution: Solution) -> str:
 def _clock(solution: Solution) -> str:
     return (
         f"Times are those of the motion's own clock: {solution.time[0]:.3f} to {solution.time[-1]:.3f} s, "
-        f"{solution.n_window} windows of {1e3 * float(np.median(np.diff(solution.time))):.4g} ms. A window's reserve and "
-        "excitation are told at its start."
+        f"{solution.n_window} windows of {1e3 * float(np.median(np.diff(solution.time))):.4g} ms. A window's reserve "
+        "and excitation are told at its start."
     )
 
 
 def _most(solution: Solution, errors: Sequence[float]) -> str:
     """The largest of errors, of angles and of positions."""
-    values, words = np.array(errors), []
+    values = np.array(errors)
+    words: list[str] = []
     for rotation in (True, False):
         alike = np.flatnonzero(solution.dof_is_rotation == rotation)
         if alike.size and (rotation or values[alike].any() or not words):

@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from mjhcmc.viewing.meshes import Part, ground_of, parts_of, tube
 from mjhcmc.viewing.poses import Poses
+from mjhcmc.viewing.scene import GHOST_RGBA
 
 Array = NDArray[np.float64]
 
-GHOST = (38, 110, 190)
-_GHOST_OPACITY = 0.35
+GHOST = tuple(round(255 * c) for c in GHOST_RGBA[:3])
 _THINNEST = 0.003  # m, of a tendon
 _STILL = 1e-7  # m and quaternion: what moves less is not sent again
 _HIDDEN = 1e-9  # of what has no length: 0 would make the browser's matrices singular
 _SPARE = 4  # pieces of tendons, for wrapping that comes and goes
+_FADE = 0.6
 _BELOW = 0.01  # m, of a ground that the model does not have, under the lowest of its bodies
 _INSIDE = 1e-3  # m, that the ghost is thinner: where it is where it should be, it is not seen
 
@@ -57,7 +58,7 @@ class Scene:
         for i, part in enumerate(self._parts):
             solid = part.rgba[3] >= 1
             mesh = self._add_part(
-                found, "bodies", i, part, part.vertices, color=tuple(round(255 * c) for c in part.rgba[:3]),
+                found, "bodies", i, part, part.vertices, color=_faded(part.rgba),
                 opacity=None if solid else part.rgba[3], side="double" if solid else "front", cast_shadow=solid,
             )  # fmt: skip
             if not solid:
@@ -71,7 +72,7 @@ class Scene:
         for i, part in enumerate(self._parts):
             if self._model.body_weldid[part.body] != 0 and part.rgba[3] >= 1:
                 inside = part.vertices - _INSIDE * part.normals
-                self._add_part(found, "ghost", i, part, inside, color=GHOST, opacity=_GHOST_OPACITY, cast_shadow=False)
+                self._add_part(found, "ghost", i, part, inside, color=GHOST, opacity=GHOST_RGBA[3], cast_shadow=False)
         return found
 
     def _add_part(self, found: dict[str, Any], root: str, i: int, part: Part, vertices: Array, **look: Any) -> Any:
@@ -189,3 +190,9 @@ class Scene:
         handle = self._tendons
         handle.batched_positions, handle.batched_wxyzs = middle, quat
         handle.batched_scales, handle.batched_colors = scale, colour
+
+
+def _faded(rgba: tuple[float, float, float, float]) -> tuple[int, ...]:
+    """A body's colour, 0 .. 255, most of the way to gray: colour is for activation."""
+    gray = sum(rgba[:3]) / 3
+    return tuple(round(255 * (_FADE * gray + (1 - _FADE) * c)) for c in rgba[:3])

@@ -105,3 +105,14 @@ def _font(size: int) -> Any:
     from PIL import ImageFont
 
     return ImageFont.truetype(str(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size)
+
+
+def scale_image(unit: int = 16) -> Image:
+    """(height, width, 3) the scale of activation by itself; unit: pixels, height of its letters."""
+    from PIL import Image as Images
+    from PIL import ImageDraw
+
+    legend = Legend(40 * unit, 34 * unit, "", speed=None, ghost=False)
+    image = Images.new("RGB", (16 * unit, 2 * unit), (246, 247, 249))
+    legend._scale(image, ImageDraw.Draw(image), 15.5 * unit, unit, _font(unit), _DARK)
+    return np.asarray(image)

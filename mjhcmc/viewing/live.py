@@ -39,6 +39,7 @@ class LivePage:
         charts: curves of the newest solution.
         latencies: s, from a slider's event to its excitations on the page, of the last results.
         result: the newest.
+        shown: how many results there were.
     """
 
     def __init__(self, solver: LiveSolver, host: str, port: int) -> None:
@@ -47,6 +48,7 @@ class LivePage:
 
         self.solver, self.latencies = solver, deque[float](maxlen=_KEPT)
         self._healthy: LiveResult | None = None
+        self.shown = 0
         self._has_reflex = has_fibers(solver.model)
         self.server = start_server(host, port)
         gui = self.server.gui
@@ -82,6 +84,21 @@ class LivePage:
     def url(self) -> str:
         """Where the page is."""
         return url_of(self.server)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a request waits."""
+        return self._newest.busy
+
+    def slider(self, name: str) -> Any:
+        """The slider of a joint, or ``"period"``, ``"gain"``, ``"threshold"``: its ``value`` is what it shows."""
+        named = {joint.name: slider for joint, slider in zip(self.solver.joints, self._amplitudes, strict=True)}
+        more = {"gain": self._gain, "threshold": self._threshold} if self._has_reflex else {}
+        return (named | {"period": self._period} | more)[name]
+
+    def words(self, part: str) -> str:
+        """What stands (HTML) under ``"latency"``, ``"verdict"`` or ``"beside"`` (patient and healthy)."""
+        return str({"latency": self._latency, "verdict": self._verdict, "beside": self._beside}[part].content)
 
     def close(self) -> None:
         """End what runs, and the page."""
@@ -150,6 +167,7 @@ class LivePage:
         if result.solution is not None:
             self.result = result
             self.player.swap(Frames.of(result.solution))
+        self.shown += 1
 
     def _compare(self, result: LiveResult) -> None:
         """While nothing waits: the same movement without a reflex, beside it."""

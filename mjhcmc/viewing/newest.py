@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -46,6 +47,7 @@ class Newest:
         self.given_up = 0
         self._thread = threading.Thread(target=self._work, name="mjhcmc-live", daemon=True)
         self._thread.start()
+        atexit.register(self.close)  # at the interpreter's end, a thread in compiled code would crash
 
     def ask(self, request: LiveRequest) -> None:
         """Ask for something; returns at once."""
@@ -60,6 +62,7 @@ class Newest:
 
     def close(self) -> None:
         """Give up what is in progress, and end the thread."""
+        atexit.unregister(self.close)
         with self._change:
             self._closed = True
             self._change.notify()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import html
 import threading
 import time
@@ -101,12 +102,19 @@ class Player:
         """Begin to play; after the controls are there."""
         self._magnify()
         self._thread.start()
+        atexit.register(self.close)  # at the interpreter's end, a thread in compiled code would crash
 
     def close(self) -> None:
         """End the thread."""
+        atexit.unregister(self.close)
         self._closed.set()
         if self._thread.is_alive():
             self._thread.join()
+
+    @property
+    def time(self) -> float:
+        """s since the first frame."""
+        return self._time
 
     def set_playing(self, playing: bool) -> None:
         """Play or pause."""
@@ -210,7 +218,7 @@ class Player:
 
 def fair_speed(duration: float) -> float:
     """1, or less so that a short movement can be followed; a step of the slider."""
-    return float(np.clip(np.floor(duration / _WATCHED / 0.05) * 0.05, 0.1, 1.0))
+    return float(np.clip(np.floor(duration / _WATCHED / 0.05 + 1e-9) * 0.05, 0.1, 1.0))
 
 
 def shown_muscles(frames: Frames) -> NDArray[np.intp]:

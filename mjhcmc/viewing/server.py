@@ -82,20 +82,20 @@ def serve(
         say: prints a line.
         close: ends what the page has running; called after an interrupt, before the server stops.
     """
-    say(f"{what}: {url_of(server)}" + ("  (Ctrl-C ends it)" if block else ""))
-    if open_browser:
-        threading.Thread(target=webbrowser.open, args=(url_of(server),), daemon=True).start()
-    if not block:
-        return
     try:
+        say(f"{what}: {url_of(server)}" + ("  (Ctrl-C ends it)" if block else ""))
+        if open_browser:
+            threading.Thread(target=webbrowser.open, args=(url_of(server),), daemon=True).start()
         forever = threading.Event()
-        while not forever.wait(_LOOK):  # without a limit, Windows would not let Ctrl-C through
+        while block and not forever.wait(_LOOK):  # without a limit, Windows would not let Ctrl-C through
             pass
     except KeyboardInterrupt:
         say("ended")
+        block = True
     finally:
-        close()
-        stop_server(server)
+        if block:
+            close()
+            stop_server(server)
 
 
 def stop_server(server: Any) -> None:

@@ -1,0 +1,75 @@
+"""Every code block of the documentation runs: ``pytest docs``, apart from the tests, since it takes minutes.
+
+A document is one test. Its blocks run in order, in an empty folder that has the files of `tools/folder.py`: bash blocks
+by ``bash -euo pipefail``, Python blocks one after the other with the names of those before, as a reader would who types
+them in. Where a text block follows a Python block's comment `# prints`, or a bash block, it is for the eye only.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent / "tools"))
+from fences import ROOT, Block, blocks, documents
+from folder import needed, prepare
+
+LONGEST = 180  # s, for one bash block
+
+TO_RUN = {path.relative_to(ROOT).as_posix(): path for path in documents() if any(b.runs for b in blocks(path))}
+
+
+@pytest.fixture(scope="session")
+def commands(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with `mjhcmc` and `python` of the interpreter that runs the tests, to come first on PATH."""
+    folder = tmp_path_factory.mktemp("bin")
+    for name, arguments in (("mjhcmc", "-m mjhcmc "), ("python", ""), ("python3", "")):
+        script = folder / name
+        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" {arguments}"$@"\n')
+        script.chmod(0o755)
+    return folder
+
+
+@pytest.mark.filterwarnings("default::mjhcmc.errors.MjhcmcWarning")
+@pytest.mark.parametrize("name", TO_RUN)
+def test_blocks_run(
+    name: str, tmp_path: Path, commands: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    found = [block for block in blocks(TO_RUN[name]) if block.runs]
+    prepare(tmp_path, needed("".join(block.text for block in found)))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", f"{commands}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    namespace = types.ModuleType("__main__")  # what is typed in lives in a module: dataclasses look for it
+    for block in found:
+        if block.language == "bash":
+            run_bash(block, tmp_path)
+        else:
+            run_python(block, namespace)
+        capfd.readouterr()
+    shutil.rmtree(tmp_path)
+
+
+def run_bash(block: Block, folder: Path) -> None:
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", block.text],
+        cwd=folder, capture_output=True, text=True, timeout=LONGEST, stdin=subprocess.DEVNULL, check=False,
+    )  # fmt: skip
+    if done.returncode:
+        pytest.fail(f"{block.place}: exit code {done.returncode}\n{block.text}\n{done.stdout[-2000:]}{done.stderr}", False)
+
+
+def run_python(block: Block, namespace: types.ModuleType) -> None:
+    try:
+        code = compile("\n" * block.line + block.text, str(block.document), "exec")  # the document's own line numbers
+        exec(code, namespace.__dict__)
+    except Exception as error:
+        error.add_note(f"in the block at {block.place}")
+        raise

@@ -1,0 +1,211 @@
+"""The report in a real browser, without a network: it draws, answers the pointer, changes its colours, and prints."""
+
+import re
+
+import numpy as np
+import pytest
+from browser_tools import browser, watched_page
+from plot_tools import make
+
+from mjhcmc.report.page import write_report
+
+__all__ = ["browser"]
+
+pytestmark = pytest.mark.browser
+
+LEFT, RIGHT = 46, 18  # px beside the axes, as in report.js
+SHOWN, FOLDED = 14, 8  # panels of the fast movement
+
+
+@pytest.fixture(scope="module")
+def fast_file(fast_solution, tmp_path_factory):
+    return write_report(fast_solution, tmp_path_factory.mktemp("report") / "report.html", run={"command": ["solve"]})
+
+
+def opened(browser, path, **context):
+    context.setdefault("viewport", {"width": 1300, "height": 850})
+    watched = watched_page(browser, **context)
+    watched.page.goto(path.as_uri())
+    watched.page.wait_for_selector("html[data-ready]")
+    return watched
+
+
+@pytest.fixture(scope="module")
+def desk(browser, fast_file):
+    """The page on a desk; what went wrong by the end is told by the last test that uses it."""
+    watched = opened(browser, fast_file)
+    yield watched
+    assert watched.errors == []
+    assert watched.outside == []
+
+
+def drawn(page):
+    return page.locator("figure[data-drawn] .main-svg >> nth=0").count() and page.locator("figure[data-drawn]").count()
+
+
+def scrolled_through(page):
+    height = page.evaluate("document.documentElement.scrollHeight")
+    for y in range(0, height, 700):
+        page.evaluate(f"scrollTo(0, {y})")
+        page.wait_for_timeout(60)
+
+
+def panel(page, name):
+    """The plot of a panel, in sight and drawn."""
+    plot = page.locator(f"figure[data-panel='{name}'] .plot")
+    plot.scroll_into_view_if_needed()
+    page.wait_for_selector(f"figure[data-panel='{name}'][data-drawn]")
+    return plot
+
+
+def spot(plot, time, span):
+    """Where a time is in a plot, px from its left."""
+    width = plot.bounding_box()["width"]
+    return LEFT + (time - span[0]) / (span[1] - span[0]) * (width - LEFT - RIGHT)
+
+
+def test_it_draws_what_is_near_and_then_all(desk):
+    page = desk.page
+    assert page.title() == "HCMC · leg8 · fast · dt 10 ms"
+    assert drawn(page) < SHOWN
+    scrolled_through(page)
+    assert drawn(page) == SHOWN
+    page.locator("#muscles summary").click()
+    scrolled_through(page)
+    assert drawn(page) == SHOWN + FOLDED
+    assert page.locator("figure .main-svg .trace").count() > 3 * SHOWN
+    assert page.locator("#replay-player canvas").count() == 1
+    assert page.evaluate("performance.getEntriesByType('resource').length") == 0
+
+
+def test_the_label_under_the_pointer_tells_the_solutions_values(desk, fast_solution):
+    page, s = desk.page, fast_solution
+    plot, k = panel(page, "excitation-6"), 25
+    time = s.time[k] + 0.002  # nearest to node k, in window k
+    plot.hover(position={"x": spot(plot, time, (s.time[0], s.time[-1])), "y": 70})
+    page.wait_for_selector("figure[data-panel='excitation-6'] .hoverlayer text")
+    label = " ".join(plot.locator(".hoverlayer text").all_text_contents())
+    assert f"{s.time[k]:.3f} s" in label
+    found = dict(re.findall(r"soleus (\w+) (\S+)", label))
+    assert float(found["activation"]) == pytest.approx(s.activation[k, 6], rel=1e-3)
+    assert float(found["excitation"]) == pytest.approx(s.excitation[k, 6], rel=1e-3)
+
+
+def test_the_label_of_a_stack_tells_each_muscle_with_its_unit(desk, fast_solution):
+    page, s = desk.page, fast_solution
+    plot, k = panel(page, "moment-1"), 31
+    plot.hover(position={"x": spot(plot, s.time[k], (s.time[0], s.time[-1])), "y": 60})
+    page.wait_for_selector("figure[data-panel='moment-1'] .hoverlayer text")
+    label = " ".join(plot.locator(".hoverlayer text").all_text_contents()).replace("−", "-")
+    told = {name.strip(): float(value) for name, value in re.findall(r"([a-z ]+) (-?[\d.]+(?:e-?\d+)?) N m", label)}
+    assert told["knee net moment"] == pytest.approx(s.net_joint_moment[k, 1], rel=1e-3)
+    vasti = s.detail.muscle_moment[k, s.muscle_names.index("vasti"), 1]
+    assert told["vasti"] == pytest.approx(vasti, rel=1e-3)
+
+
+def test_a_click_moves_the_replay_and_the_replay_moves_the_line(desk, fast_solution):
+    page, span = desk.page, (fast_solution.time[0], fast_solution.time[-1])
+    page.evaluate("document.addEventListener('mjhcmc:time', (e) => (window.told = e.detail))")
+    plot = panel(page, "angle-0")
+    plot.click(position={"x": spot(plot, 0.2, span), "y": 90})
+    page.wait_for_function("window.told && window.told.from === 'plot'")
+    assert page.evaluate("window.told.time") == pytest.approx(0.2, abs=0.003)
+    page.evaluate("document.dispatchEvent(new CustomEvent('mjhcmc:time', {detail: {time: 0.45, from: 'replay'}}))")
+    for name in ("angle-0", "angle-2"):
+        plot = panel(page, name)
+        line, box = plot.locator(".cursor").bounding_box(), plot.bounding_box()
+        assert line["x"] - box["x"] == pytest.approx(spot(plot, 0.45, span), abs=1.5)
+
+
+def test_looking_closer_in_one_plot_is_so_in_all(desk):
+    page = desk.page
+    plot = panel(page, "angle-1")
+    box = plot.bounding_box()
+    page.mouse.move(box["x"] + 100, box["y"] + 80)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 200, box["y"] + 82, steps=4)
+    page.mouse.up()
+    other = "document.querySelector(\"figure[data-panel='angle-0'] .js-plotly-plot\").layout.xaxis.range"
+    page.wait_for_function(f"{other}[0] > 0.05")
+    low, high = page.evaluate(other)
+    width = box["width"] - LEFT - RIGHT
+    np.testing.assert_allclose([low, high], [0.6 * (x - LEFT) / width for x in (100, 200)], atol=0.01)
+    page.evaluate("document.querySelector(\"figure[data-panel='angle-0'] .js-plotly-plot\").emit('plotly_doubleclick')")
+    page.wait_for_function(f"{other}[1] === 0.6")
+
+
+def test_dark_and_light(browser, fast_file):
+    watched = opened(browser, fast_file, color_scheme="dark")
+    page = watched.page
+    panel(page, "angle-0")
+    paper = "getComputedStyle(document.body).backgroundColor"
+    stroke = "getComputedStyle(document.querySelector(\"figure[data-panel='angle-0'] .js-line\")).stroke"
+    dark = page.evaluate(paper), page.evaluate(stroke)
+    page.locator("#theme").click()
+    page.wait_for_function(f"{stroke} !== '{dark[1]}'")
+    light = page.evaluate(paper), page.evaluate(stroke)
+    assert sum(map(int, re.findall(r"\d+", dark[0])[:3])) < 150 < 700 < sum(map(int, re.findall(r"\d+", light[0])[:3]))
+    page.reload()  # what was chosen is remembered
+    page.wait_for_selector("html[data-ready]")
+    assert page.evaluate(paper) == light[0]
+    assert watched.errors == []
+
+
+def test_on_a_phone_nothing_sticks_out(browser, fast_file):
+    watched = opened(
+        browser, fast_file, viewport={"width": 360, "height": 740}, is_mobile=True, has_touch=True
+    )  # fmt: skip
+    page = watched.page
+    scrolled_through(page)
+    page.locator("#muscles summary").click()
+    scrolled_through(page)
+    assert drawn(page) == SHOWN + FOLDED
+    wide = page.evaluate("[document.documentElement.scrollWidth, document.documentElement.clientWidth, innerWidth]")
+    assert wide == [360, 360, 360]
+    lefts = page.evaluate("[...document.querySelectorAll('#excitations figure')].map((f) => f.offsetLeft)")
+    assert len(set(lefts)) == 1  # one column
+    assert watched.errors == []
+
+
+def test_on_paper_all_that_is_not_folded_away_is_light_and_not_too_wide(browser, fast_file):
+    watched = opened(browser, fast_file, color_scheme="dark")
+    page = watched.page
+    page.emulate_media(media="print")
+    page.set_viewport_size({"width": 703, "height": 1000})  # A4 less margins
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert drawn(page) == SHOWN
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    assert page.evaluate("document.documentElement.scrollWidth") <= 703
+    assert not page.locator("#theme").is_visible()
+    assert page.get_by_text("The replay moves, and is not printed.").is_visible()
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    page.emulate_media(media="screen")
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+    pdf = page.pdf(format="A4", print_background=True)
+    assert 3 <= len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 12
+    assert watched.errors == []
+
+
+def test_many_muscles_are_found_and_put_in_order_and_names_are_no_markup(browser, tmp_path):
+    names = [f"muscle_{i:02d}" for i in range(19)] + ["</script><script>window.bad = 1</script><b>%{x}"]
+    solution = make(muscles=names)
+    watched = opened(browser, write_report(solution, tmp_path / "many ö.html"))
+    page = watched.page
+    titles = page.locator("#muscle-grid figure:visible h3")
+    assert titles.count() == 20
+    page.locator("#muscle-filter").fill("cle 1")
+    assert titles.all_inner_texts() == [f"muscle {i}" for i in range(10, 19)]
+    page.locator("#muscle-filter").fill("zzz")
+    assert page.locator("#muscle-none").is_visible()
+    page.locator("#muscle-filter").fill("")
+    page.locator("#muscle-order").click()
+    wanted = np.argsort(-solution.activation.max(axis=0), kind="stable")
+    assert titles.all_inner_texts() == [names[i].replace("_", " ") for i in wanted]
+    page.locator("#muscle-order").click()
+    assert titles.first.inner_text() == "muscle 00"
+    plot = panel(page, "excitation-19")
+    plot.hover(position={"x": 120, "y": 70})
+    page.wait_for_selector("figure[data-panel='excitation-19'] .hoverlayer text")
+    assert "<b>%{x} excitation" in " ".join(plot.locator(".hoverlayer text").all_text_contents())
+    assert page.evaluate("window.bad") is None
+    assert watched.errors == []
