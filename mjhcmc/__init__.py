@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from mjhcmc.viewing.frames import Frames
     from mjhcmc.viewing.live import live_page
     from mjhcmc.viewing.video import write_video
+    from mjhcmc.viewing.window import view
 
 __version__ = "0.1.0"
 
@@ -112,6 +113,7 @@ _HOME = {
     "segment_angles": "segments",
     "sensitivity_table": "gradients.table",
     "static_optimization": "methods.static_optimization",
+    "view": "viewing.window",
     "view_in_browser": "viewing.browser",
     "write_report": "report.page",
     "write_video": "viewing.video",
@@ -168,6 +170,7 @@ __all__ = [
     "segment_angles",
     "sensitivity_table",
     "static_optimization",
+    "view",
     "view_in_browser",
     "write_report",
     "write_video",

@@ -45,6 +45,7 @@ from mjhcmc.cli_support import (
     typed,
     write_solution,
 )
+from mjhcmc.cli_view import view_command
 from mjhcmc.errors import MjhcmcError, MjhcmcWarning
 
 if TYPE_CHECKING:
@@ -184,12 +185,13 @@ for _command, _line in (
     (solve, "motion files to excitations"),
     (reproduce, "the paper's experiment, by every method"),
     (report_command, "a page to look at, of what solve found"),
+    (view_command, "replay: in a window, in the browser, as a video"),
+    (live, "a page of sliders that solves as you drag them"),
     (emg_command, "excitations beside measured EMG"),
     (sensitivity, "which muscle parameter moves which excitation"),
     (check, "what mjhcmc sees in a model, and every problem with it"),
     (compare_muscles, "MuJoCo's muscles beside a Hill model's"),
     (patients, "virtual patients with spasticity: datasets, grades"),
-    (live, "a page of sliders that solves as you drag them"),
     (engines, "rigid-body engines beside MuJoCo"),
     (doctor, "what is installed here, what works, what to do"),
     (completion, "completion of commands and values in your shell"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -67,7 +68,7 @@ def report_command(
     click.get_current_context().with_resource(engine_notices())
     saved = open_saved(solution, model)
     path = saved.folder / _NAME if out is None else out
-    if path.is_dir():
+    if os.path.isdir(path):  # noqa: PTH112 - Path.is_dir raises on names that are too long
         raise OutputError(f"{path}: is a folder: name a file for the page, such as {path / _NAME}")
     measured = None
     if emg is not None:

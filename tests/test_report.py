@@ -16,7 +16,7 @@ from mjhcmc.emg_comparison import compare_emg
 from mjhcmc.plotting.moments import MUSCLE_COLORS
 from mjhcmc.plotting.panels import PALETTE
 from mjhcmc.report.page import report, write_report
-from mjhcmc.report.series import MOST_POINTS, thinned, unpacked
+from mjhcmc.report.series import MOST_POINTS, Book, thinned, unpacked
 from mjhcmc.report.units import percent, short
 
 SECTIONS = ["verdict", "replay", "excitations", "angles", "moments", "muscles", "facts"]
@@ -355,3 +355,10 @@ def test_texts_are_escaped_once(fast_solution):
     assert page.row("note")[1] == "5 < 6 & more"
     assert "&amp;lt;" not in page.text
     assert unescape("&lt;") in page.row("note")[1]
+
+
+def test_columns_of_the_same_name_are_kept_apart():
+    book = Book()
+    nodes = book.clock("nodes", np.arange(3.0))
+    first, second = (book.column("reserve", nodes, np.full(3, value)) for value in (1.0, 2.0))
+    assert [unpacked(book.columns[name]["v"])[0] for name in (first, second)] == [1.0, 2.0]

@@ -39,15 +39,25 @@ def desk(browser, fast_file):
     assert watched.outside == []
 
 
+def until(page, expression):
+    """Wait for an expression to hold; playwright's own waiting evaluates texts, which the page's policy forbids."""
+    for _ in range(200):
+        if page.evaluate(expression):
+            return
+        page.wait_for_timeout(25)
+    pytest.fail(f"never came: {expression}")
+
+
 def drawn(page):
-    return page.locator("figure[data-drawn] .main-svg >> nth=0").count() and page.locator("figure[data-drawn]").count()
+    """How many panels hold a plot."""
+    return page.evaluate("[...document.querySelectorAll('figure[data-drawn]')].filter((f) => f.querySelector('.main-svg')).length")
 
 
 def scrolled_through(page):
     height = page.evaluate("document.documentElement.scrollHeight")
-    for y in range(0, height, 700):
+    for y in range(0, height, 1000):
         page.evaluate(f"scrollTo(0, {y})")
-        page.wait_for_timeout(60)
+        page.wait_for_timeout(40)
 
 
 def panel(page, name):
@@ -108,8 +118,10 @@ def test_a_click_moves_the_replay_and_the_replay_moves_the_line(desk, fast_solut
     page.evaluate("document.addEventListener('mjhcmc:time', (e) => (window.told = e.detail))")
     plot = panel(page, "angle-0")
     plot.click(position={"x": spot(plot, 0.2, span), "y": 90})
-    page.wait_for_function("window.told && window.told.from === 'plot'")
+    until(page, "window.told && window.told.from === 'plot'")
     assert page.evaluate("window.told.time") == pytest.approx(0.2, abs=0.003)
+    shown = re.search(r"(\d\.\d{3}) s", page.locator("#replay-player").inner_text())
+    assert float(shown[1]) == pytest.approx(0.2, abs=0.003)
     page.evaluate("document.dispatchEvent(new CustomEvent('mjhcmc:time', {detail: {time: 0.45, from: 'replay'}}))")
     for name in ("angle-0", "angle-2"):
         plot = panel(page, name)
@@ -126,12 +138,12 @@ def test_looking_closer_in_one_plot_is_so_in_all(desk):
     page.mouse.move(box["x"] + 200, box["y"] + 82, steps=4)
     page.mouse.up()
     other = "document.querySelector(\"figure[data-panel='angle-0'] .js-plotly-plot\").layout.xaxis.range"
-    page.wait_for_function(f"{other}[0] > 0.05")
+    until(page, f"{other}[0] > 0.05")
     low, high = page.evaluate(other)
     width = box["width"] - LEFT - RIGHT
     np.testing.assert_allclose([low, high], [0.6 * (x - LEFT) / width for x in (100, 200)], atol=0.01)
     page.evaluate("document.querySelector(\"figure[data-panel='angle-0'] .js-plotly-plot\").emit('plotly_doubleclick')")
-    page.wait_for_function(f"{other}[1] === 0.6")
+    until(page, f"{other}[1] === 0.6")
 
 
 def test_dark_and_light(browser, fast_file):
@@ -142,7 +154,7 @@ def test_dark_and_light(browser, fast_file):
     stroke = "getComputedStyle(document.querySelector(\"figure[data-panel='angle-0'] .js-line\")).stroke"
     dark = page.evaluate(paper), page.evaluate(stroke)
     page.locator("#theme").click()
-    page.wait_for_function(f"{stroke} !== '{dark[1]}'")
+    until(page, f"{stroke} !== '{dark[1]}'")
     light = page.evaluate(paper), page.evaluate(stroke)
     assert sum(map(int, re.findall(r"\d+", dark[0])[:3])) < 150 < 700 < sum(map(int, re.findall(r"\d+", light[0])[:3]))
     page.reload()  # what was chosen is remembered
@@ -157,9 +169,7 @@ def test_on_a_phone_nothing_sticks_out(browser, fast_file):
     )  # fmt: skip
     page = watched.page
     scrolled_through(page)
-    page.locator("#muscles summary").click()
-    scrolled_through(page)
-    assert drawn(page) == SHOWN + FOLDED
+    assert drawn(page) == SHOWN
     wide = page.evaluate("[document.documentElement.scrollWidth, document.documentElement.clientWidth, innerWidth]")
     assert wide == [360, 360, 360]
     lefts = page.evaluate("[...document.querySelectorAll('#excitations figure')].map((f) => f.offsetLeft)")

@@ -178,7 +178,9 @@ def _moment_panel(
         if values[k]:
             share = float(abs(values[k])) / scale
             above = ", above the threshold" if share > MAX_RESERVE_SHARE and word == "reserve" else ""
-            parts.append(f"{word} up to {percent(share)} of it, at {solution.time[k]:.3f} s{above}")
+            size = percent(share)
+            upto = "" if size.startswith("<") else "up to "
+            parts.append(f"{word} {upto}{size} of it, at {solution.time[k]:.3f} s{above}")
     note = "; ".join(parts)
     below = "reserve, unmet" if unmet.any() else "reserve"
     rows = [Row(f"{quantity} ({unit})", 3.0), Row(f"{below} ({unit})", 1.0, limits=(-most, most))]

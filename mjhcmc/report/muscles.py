@@ -95,7 +95,7 @@ def excitation_panels(
         if emg is not None and name in measured:
             one = emg.muscles[measured[name]]
             column = book.column(f"emg/{name}", "emg", emg.envelope[:, measured[name]])
-            lines.insert(0, Line(column, f"EMG {one.channel}", "emg", factor=_scale(one)))
+            lines.insert(0, Line(column, f"EMG {one.channel}, scaled", "emg", factor=_scale(one)))
             notes.append(agreement_words(one))
         panels.append(
             Panel(

@@ -79,7 +79,8 @@ def write_report(
         OutputError: the folder is missing or cannot be written.
     """
     path = Path(path)
-    with written_whole(path) as temporary:  # a folder that is not there is told before the work
+    with written_whole(path) as temporary:
+        temporary.touch()  # a folder that is not there, or is not the user's, is told before the work
         text = report(
             solution, emg=emg, emg_map=emg_map, others=others, run=run, title=title, why_no_model=why_no_model
         )

@@ -2,7 +2,7 @@
 
 const TIME = "mjhcmc:time";
 const STILLS = 5; // in print
-const PRINTED = { ink: "#1d2733", paper: "#ffffff", ghost: "#a8cdf0", edge: "#6b5f4c", ground: "#c3cad1" };
+const PRINTED = { ink: "#1d2733", paper: "#ffffff", ghost: "#a8cdf0", edge: "#6b5f4c", rim: "#4a5a69", ground: "#c3cad1" };
 
 class Player {
   constructor(root, data) {

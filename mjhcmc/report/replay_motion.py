@@ -18,7 +18,9 @@ Array = NDArray[np.float64]
 
 _FOLLOWED = 0.6  # sizes of the model: the view follows one that goes farther
 _STILL = 1e-9  # m, or of a quaternion: what moves less stands still
-_ABOVE = np.deg2rad(50.0)  # from where a movement in the horizontal plane is seen
+_FROM_ABOVE = np.deg2rad(50.0)  # a plane of motion that is flatter is seen from above,
+_ABOVE = np.deg2rad(60.0)  # from so high
+_NEAR = 0.12  # sizes of what moves
 _SHAPES = 60  # of the moving ones: enough to find the plane of motion from
 
 
@@ -136,8 +138,8 @@ def poses_of(frames: Frames, chosen: NDArray[np.intp], paths: list[Path]) -> Pos
 def first_view(model: Any, poses: Poses, shapes: list[Shape], paths: list[Path]) -> View:
     """From the side that shows most of the movement, upright, so that all of it is seen.
 
-    The picture's horizontal axis is the horizontal direction in which what moves moves most. Of its two senses the one
-    is taken from which what moves is in front of the rest or, where that says nothing, along which it goes forward.
+    Of the two sides that show the same, the one is taken from which what moves is in front of the rest; one that goes
+    somewhere goes to the right.
     """
     up = axis = _upwards(model)
     east = np.array([1.0, 0, 0]) if abs(up[0]) < 0.9 else np.array([0, 1.0, 0])
@@ -163,22 +165,68 @@ def first_view(model: Any, poses: Poses, shapes: list[Shape], paths: list[Path])
         level = np.eye(3) - np.outer(up, up)
         middle = (root + (centre - root).mean(axis=0)) @ level + middle @ np.outer(up, up)
 
-    on_moving = [poses.world(s.body, s.reach[:4]) for s in solid[:: max(1, len(solid) // _SHAPES)]]
+    on_moving = [
+        poses.world(s.body, s.reach[:: max(1, len(s.reach) // 4)]) for s in solid[:: len(solid) // _SHAPES + 1]
+    ]
     part = np.concatenate(on_moving, axis=1) if on_moving else every
+    right, up = _plane_of_motion(part, size, (east, north, axis))
+    right = right * _sense(right, up, part, centre, poses, shapes, moving, follows)
+    every = np.concatenate([every, *_near(poses, shapes, moving, low.min(axis=0), high.max(axis=0))], axis=1)
+    seen = (every - middle[:, None]) @ np.stack([right, up], axis=-1)
+    least, most = seen.min(axis=(0, 1)), seen.max(axis=(0, 1))
+    middle = middle + (least + most) / 2 @ np.stack([right, up])
+    half = (most - least) / 2
+    return View(right, up, axis, np.maximum(half, 1e-3), np.array(middle), follows)
+
+
+def _plane_of_motion(part: Array, size: float, frame: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+    """Right and up of a view on the plane of the main direction of motion and the longest extent across it.
+
+    Args:
+        part: (n, .., 3) m, points that move.
+        size: m, of the model.
+        frame: east, north and up.
+    """
+    east, north, axis = frame
     away = (part - part.mean(axis=0)).reshape(-1, 3)
     spread = away.T @ away / max(len(away), 1)
-    plane = np.array([east, north])
-    power, axes = np.linalg.eigh(plane @ spread @ plane.T)
-    right = axes[:, 1] @ plane if power[1] > (1e-4 * max(size, 1e-6)) ** 2 else east
-    right = next((a for a in (east, north) if abs(a @ right) > np.cos(np.deg2rad(20))), right)
-    flat = up @ spread @ up < 0.1 * power[0] and power[0] > 0
-    right = right * _sense(right, up, part, centre, poses, shapes, moving, follows)
-    if flat:
-        toward = np.cos(_ABOVE) * np.cross(right, up) + np.sin(_ABOVE) * up
-        up = np.cross(toward, right)
-    seen = (every - middle[:, None]) @ np.stack([right, up], axis=-1)
-    half = np.abs(seen).max(axis=(0, 1))
-    return View(right, up, axis, np.maximum(half, 1e-3), np.array(middle), follows)
+    power, axes = np.linalg.eigh(spread)
+    if power[2] <= (1e-5 * size) ** 2:  # nothing moves
+        return east, axis
+    way = axes[:, 2]
+    shape = part.mean(axis=0) - part.mean(axis=(0, 1))
+    across = np.eye(3) - np.outer(way, way)
+    extent = across @ (shape.T @ shape / len(shape) + spread) @ across
+    normal = np.cross(way, np.linalg.eigh(extent)[1][:, 2])
+    normal = _snapped(normal * (1.0 if normal @ axis >= 0 else -1.0), (east, north, axis))
+    if normal @ axis < np.sin(_FROM_ABOVE):  # upright: from the side
+        right = np.cross(axis, normal)
+        return _snapped(_unit(right), (east, north)), axis
+    level = np.array([east, north])  # from above: the longer way lies across the picture
+    right = np.linalg.eigh(level @ (shape.T @ shape) @ level.T)[1][:, 1] @ level
+    right = _snapped(right, (east, north))
+    toward = np.cos(_ABOVE) * np.cross(right, axis) + np.sin(_ABOVE) * axis
+    return right, np.cross(toward, right)
+
+
+def _snapped(direction: Array, among: tuple[Array, ...]) -> Array:
+    """The one of some directions that is within 20 degrees of it, in its sense; else itself."""
+    for one in among:
+        if abs(one @ direction) > np.cos(np.deg2rad(20)):
+            return one * (1.0 if one @ direction > 0 else -1.0)
+    return direction
+
+
+def _near(poses: Poses, shapes: list[Shape], moving: set[int], low: Array, high: Array) -> list[Array]:
+    """What of the solids that stand still is close to what moves: it is to be in the picture, too."""
+    reach = _NEAR * float((high - low).max())
+    found = []
+    for shape in shapes:
+        if shape.body and shape.body not in moving:
+            points = poses.world(shape.body, shape.reach)
+            if (points[0] > low - reach).all() and (points[0] < high + reach).all():
+                found.append(points)
+    return found
 
 
 def where_it_acts(model: Any, actuator: int) -> tuple[int, Array]:

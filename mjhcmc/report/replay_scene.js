@@ -194,7 +194,7 @@ class Scene {
   }
 
   // Draw at a time. camera: right, up, toward (unit vectors), target, scale (pixels a metre), x, y (pixels of the target).
-  // colours: ink, paper, ghost, edge, ground. Gives what the pointer can hit.
+  // colours: ink, paper, ghost, edge (of bones), rim (of muscles), ground. Gives what the pointer can hit.
   draw(ctx, camera, time, { ghost = true, factor = 1, chosen = -1, colours }) {
     const [k, part] = this.place(time);
     const [actual, wanted] = this.poses(k, part, factor);
@@ -227,7 +227,7 @@ class Scene {
         : shape.kind === "mesh" ? shape.middle : shape.points[0];
       return { depth: times(turn, middle)[2] + at[2], shape };
     });
-    const width = Math.min(2.2, Math.max(0.5, camera.thick)) * (this.many > 200 ? 0.5 : this.many > 40 ? 0.7 : 1);
+    const width = Math.min(3, Math.max(0.6, camera.thick)) * (this.many > 200 ? 0.45 : this.many > 40 ? 0.6 : 1);
     const hits = [];
     this.data.tendons.forEach((tendon, i) => {
       const a = this.largest(tendon.muscles, k, part), muscle = tendon.muscles.length > 0;
@@ -236,7 +236,7 @@ class Scene {
       const points = strands.flat(), depth = points.reduce((sum, p) => sum + p[2], 0) / points.length;
       const item = {
         depth, strands, muscles: tendon.muscles, index: i, colour: muscle ? this.colourOf(a) : tendon.rgb,
-        width: muscle ? width * (2.1 + 3.4 * (a || 0)) : width * 1.4,
+        width: muscle ? width * (2.2 + 5.5 * (a || 0)) : width * 1.4,
       };
       items.push(item);
       if (muscle) hits.push(item);
@@ -300,7 +300,7 @@ function strokeLines(ctx, strands, colour, width) {
 
 function strokeStrands(ctx, item, chosen, colours) {
   const width = item.width + (chosen ? 2 : 0);
-  strokeLines(ctx, item.strands, chosen ? colours.ink : colours.edge, width + (chosen ? 3 : 1));
+  strokeLines(ctx, item.strands, chosen ? colours.ink : colours.rim, width + (chosen ? 3 : 1.2));
   strokeLines(ctx, item.strands, item.colour, width);
 }
 

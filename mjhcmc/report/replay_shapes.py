@@ -19,10 +19,10 @@ Array = NDArray[np.float64]
 SHOWN_GROUPS = 3
 """Geoms of groups 0, 1 and 2 are drawn, as in MuJoCo's viewer; further groups hold wrapping and contact surfaces."""
 
-MESH_VERTICES = 6000
+MESH_VERTICES = 14_000
 """Of all meshes together, after thinning."""
 
-_FEWEST, _MOST = 24, 220  # vertices that a mesh keeps
+_FEWEST, _MOST = 60, 600  # vertices that a mesh keeps
 _SIDES = 16  # of a cylinder
 _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
 _STICK = 0.02  # radius of a line figure's limb, as a share of its length
@@ -70,7 +70,8 @@ def shapes_of(model: Any) -> list[Shape]:
         model: ``mujoco.MjModel``.
     """
     geoms = [g for g in range(model.ngeom) if _is_drawn(model, g)]
-    sizes = {g: float(model.geom_rbound[g]) for g in geoms if model.geom_type[g] in _MESHES}
+    own = [g for g in geoms if model.geom_type[g] in _MESHES and model.body_weldid[model.geom_bodyid[g]]]
+    sizes = {g: float(model.geom_rbound[g]) for g in own}  # scenery takes no share
     share = MESH_VERTICES / max(sum(sizes.values()), 1e-9)
     found = [_solid(model, g, int(np.clip(share * sizes.get(g, 0.0), _FEWEST, _MOST))) for g in geoms]
     return [shape for shape in found if shape is not None] + list(_line_figure(model, {s.body for s in found if s}))
@@ -164,6 +165,8 @@ def thinned(points: Array, faces: NDArray[np.intp], vertices: int) -> tuple[Arra
     """
     if not len(points) or not len(faces):
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.intp)
+    if len(points) <= vertices:
+        return points, faces
     low, extent = points.min(axis=0), float(np.ptp(points, axis=0).max())
     fine, coarse = 0, 512  # cells along the longest side: the finest grid that keeps few enough
     cluster = np.zeros(len(points), dtype=np.intp)

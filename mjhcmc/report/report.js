@@ -77,7 +77,10 @@
           hoverinfo: "skip", fillcolor: own, line: { width: 0.6, color: colour("seam") }, ...fill,
         });
       }
-      made.push({ type: "scatter", mode: "lines", x, y, line: { width: 0, color: own }, ...label(line) });
+      if (line.role === "reserve") continue; // the row below tells it
+      const told = label(line);
+      told.hovertemplate = `<span style="color:${own}">■</span> ${told.hovertemplate}`;
+      made.push({ type: "scatter", mode: "lines", x, y, line: { width: 0, color: own }, ...told });
     }
     return made;
   };
@@ -90,6 +93,7 @@
       }
     }
     if (!(high >= low)) return [0, 1];
+    if (lines.some((line) => looks[line.role]?.fill)) { low = Math.min(low, 0); high = Math.max(high, 0); } // filled from 0
     for (const y of row.limits ?? []) { low = Math.min(low, y); high = Math.max(high, y); }
     const middle = (low + high) / 2, span = Math.max(high - low, row.least ?? 0) || Math.abs(middle) * 0.2 || 1;
     return [middle - 0.56 * span, middle + 0.56 * span];
@@ -99,7 +103,7 @@
     const soft = colour("soft"), head = panel.rows.some((row) => row.label) ? 17 : 6;
     const layout = {
       width, height: panel.height, autosize: false, margin: { l: LEFT, r: RIGHT, t: head, b: BOTTOM, autoexpand: false },
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", showlegend: false,
+      paper_bgcolor: colour("paper"), plot_bgcolor: colour("paper"), showlegend: false,
       hovermode: "x unified", hoversubplots: "axis", hoverdistance: -1, dragmode: coarse ? false : "zoom",
       font: { family: "system-ui, sans-serif", size: 11, color: soft },
       hoverlabel: { bgcolor: colour("raised"), bordercolor: colour("rule"), font: { color: colour("ink"), size: 12 }, namelength: -1 },

@@ -56,8 +56,8 @@ def unpacked(value: dict[str, str]) -> NDArray[Any]:
 class Book:
     """The numbers of a page: clocks (times that columns share) and columns.
 
-    A column is packed once, however many panels draw it: its values in single precision (relative error 6e-8), and
-    where it is thinned, which values of its clock they are.
+    A column's values are packed in single precision (relative error 6e-8), and where it is thinned, which values of its
+    clock they are.
 
     Attributes:
         clocks: by name: ``t`` (s, packed) and ``end`` (s), to which the last value of steps is held.
@@ -75,16 +75,16 @@ class Book:
         return name
 
     def column(self, name: str, clock: str, values: Array, which: NDArray[np.intp] | None = None) -> str:
-        """Note a column; returns its name.
+        """Note a column; returns its name, which is marked where another column has it already.
 
         Args:
-            name: unlike that of any other.
+            name: what it holds, for readers of the data.
             clock: name of its times.
             values: (n,) in what the screen shows; NaN where there is none.
             which: values to keep, where others must be kept with them; by default `thinned` tells.
         """
-        if name in self.columns:
-            return name
+        while name in self.columns:  # a muscle may be called "reserve"
+            name += "'"
         kept = thinned(values) if which is None else which
         made: dict[str, Any] = {"clock": clock, "v": packed(values if kept is None else values[kept], "f4")}
         if kept is not None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from types import TracebackType
@@ -67,11 +68,23 @@ def gl_back_end() -> str:
 def _context(name: str, width: int, height: int) -> Any:
     """An OpenGL context, whatever MuJoCo chose when it was imported."""
     if name in _HEADLESS:
-        os.environ.setdefault("MUJOCO_GL", name)  # MuJoCo's C code looks there for its functions
         return import_module(f"mujoco.{name}").GLContext(width, height)
     from mujoco.gl_context import GLContext
 
     return GLContext(width, height)
+
+
+@contextmanager
+def _told(name: str) -> Iterator[None]:
+    """MuJoCo's C code looks into the environment for where OpenGL's functions are."""
+    if name not in _HEADLESS or "MUJOCO_GL" in os.environ:
+        yield
+        return
+    os.environ["MUJOCO_GL"] = name
+    try:
+        yield
+    finally:
+        del os.environ["MUJOCO_GL"]
 
 
 class Canvas:
@@ -91,9 +104,10 @@ class Canvas:
         size = model.vis.global_
         size.offwidth, size.offheight = max(size.offwidth, width), max(size.offheight, height)
         try:
-            self._gl = _context(name, width, height)
-            self._gl.make_current()
-            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+            with _told(name):
+                self._gl = _context(name, width, height)
+                self._gl.make_current()
+                self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
         except Exception as error:  # each back end raises its own kind
             raise OutputError(
                 f"pictures cannot be drawn: no OpenGL by {name} ({error}): set MUJOCO_GL to egl or osmesa and install "

@@ -90,8 +90,9 @@ def serve(
         while block and not forever.wait(_LOOK):  # without a limit, Windows would not let Ctrl-C through
             pass
     except KeyboardInterrupt:
+        if not block:
+            raise
         say("ended")
-        block = True
     finally:
         if block:
             close()

@@ -95,12 +95,15 @@ def write_video(
     width, height = _size(frames, width, height, camera)
     if path.suffix.lower() == ".mp4":
         width, height = width + width % 2, height + height % 2  # H.264 halves the resolution of colour
-    pictures = _pictures(frames, width, height, ghost=ghost, camera=camera, speed=speed)
+    is_gif, n = path.suffix.lower() == ".gif", len(frames)
+    samples = np.unique(np.linspace(0, n - 1, _MOSAIC).round().astype(int)).tolist() if is_gif else []
+    pictures = _pictures(frames, [*samples, *range(n)], (width, height), ghost=ghost, camera=camera, speed=speed)
     with written_whole(path) as temporary:
-        if path.suffix.lower() == ".gif":
-            _write_gif(_counted(pictures, len(frames), progress), temporary, fps, len(frames))
+        if is_gif:
+            palette = _palette([next(pictures) for _ in samples])
+            _write_gif(_counted(pictures, n, progress), temporary, fps, n, palette)
         else:
-            _write_mp4(_counted(pictures, len(frames), progress), temporary, fps, (width, height))
+            _write_mp4(_counted(pictures, n, progress), temporary, fps, (width, height))
     return path
 
 
@@ -143,7 +146,7 @@ def write_image(
     check_camera(frames.model, camera)
     width, height = _size(frames, width, height, camera)
     k = frames.at((first + last) / 2 if at is None else at)
-    picture = next(_pictures(frames, width, height, ghost=ghost, camera=camera, speed=None, only=k))
+    (picture,) = _pictures(frames, [k], (width, height), ghost=ghost, camera=camera, speed=None)
     from PIL import Image as Images
 
     with written_whole(path) as temporary:
@@ -189,7 +192,8 @@ def check_rate(name: str, value: float, usual: str) -> None:
 def _check_target(path: Path, suffixes: tuple[str, ...]) -> None:
     """See, before the work, that the file can be written."""
     if path.suffix.lower() not in suffixes:
-        raise OutputError(f"{path}: pictures are written as {' or '.join(suffixes)}: change the suffix")
+        what = "videos" if suffixes is VIDEOS else "pictures"
+        raise OutputError(f"{path}: {what} are written as {' or '.join(suffixes)}: change the suffix")
     if not path.parent.is_dir():
         raise OutputError(f"{path}: cannot be written, there is no folder {path.parent}: create it first")
     if path.is_dir() or not os.access(path.parent, os.W_OK):
@@ -197,15 +201,16 @@ def _check_target(path: Path, suffixes: tuple[str, ...]) -> None:
 
 
 def _pictures(
-    frames: Frames, width: int, height: int, *, ghost: bool, camera: str, speed: float | None, only: int | None = None
+    frames: Frames, which: list[int], size: tuple[int, int], *, ghost: bool, camera: str, speed: float | None
 ) -> Iterator[Image]:
-    """The frames as pictures (height, width, 3), one after the other; or one of them."""
+    """Frames as pictures (height, width, 3), one after the other."""
+    width, height = size
     stage = Stage(frames, ghost=ghost)
     eye = make_camera(frames, camera, aspect=width / height, margins=Margins(head=HEAD, foot=FOOT))
     legend = Legend(width, height, frames.title, speed=speed, ghost=ghost)
     with Canvas(stage.model, width, height) as canvas:
         scene = mujoco.MjvScene(stage.model, MAX_GEOMS)
-        for k in range(len(frames)) if only is None else [only]:
+        for k in which:
             stage.show(k)
             stage.compose(scene, eye)
             yield legend.write_on(canvas.draw(scene), float(frames.time[k]))
@@ -237,13 +242,11 @@ def _write_mp4(pictures: Iterator[Image], path: Path, fps: float, size: tuple[in
         raise OSError("ffmpeg wrote nothing")
 
 
-def _write_gif(pictures: Iterator[Image], path: Path, fps: float, count: int) -> None:
+def _write_gif(pictures: Iterator[Image], path: Path, fps: float, count: int, palette: Any) -> None:
     """One set of colours for all frames, so that nothing flickers; delays in hundredths that keep the time."""
     from PIL import Image as Images
 
-    shown = [Images.fromarray(picture) for picture in pictures]
-    palette = _palette(shown)
-    indexed = [image.quantize(palette=palette, dither=Images.Dither.NONE) for image in shown]
+    indexed = [Images.fromarray(p).quantize(palette=palette, dither=Images.Dither.NONE) for p in pictures]
     ends = np.round(100 * np.arange(count + 1) / fps).astype(int)
     indexed[0].save(
         path, save_all=True, append_images=indexed[1:], duration=(10 * np.diff(ends)).tolist(), loop=0, optimize=False,
@@ -251,15 +254,11 @@ def _write_gif(pictures: Iterator[Image], path: Path, fps: float, count: int) ->
     )  # fmt: skip
 
 
-def _palette(shown: list[Any]) -> Any:
-    """The 256 colours of some frames."""
+def _palette(samples: list[Image]) -> Any:
+    """256 colours: those of activation, and what else some frames have."""
     from PIL import Image as Images
 
-    few = [shown[i] for i in np.unique(np.linspace(0, len(shown) - 1, _MOSAIC).round().astype(int))]
-    width, height = few[0].size
-    mosaic = Images.new("RGB", (width, height * len(few)))
-    for i, image in enumerate(few):
-        mosaic.paste(image, (0, i * height))
+    mosaic = Images.fromarray(np.concatenate(samples))
     scale = (255 * activation_rgba(np.linspace(0, 1, _OF_SCALE))[:, :3]).round().astype(np.uint8)
     found = mosaic.quantize(256 - _OF_SCALE, method=Images.Quantize.MEDIANCUT, dither=Images.Dither.NONE)
     found.putpalette(bytes((found.getpalette() or [])[: 3 * (256 - _OF_SCALE)]) + scale.tobytes())
