@@ -42,7 +42,7 @@ _CMC = """<?xml version="1.0" encoding="UTF-8" ?>
 <desired_kinematics_file>{motion}</desired_kinematics_file><task_set_file>{folder}/tasks.xml</task_set_file>
 <lowpass_cutoff_frequency>-1</lowpass_cutoff_frequency><cmc_time_window>{window}</cmc_time_window>
 <use_fast_optimization_target>true</use_fast_optimization_target>
-<optimizer_algorithm>ipopt</optimizer_algorithm><optimizer_convergence_criterion>1e-5</optimizer_convergence_criterion>
+<optimizer_algorithm>ipopt</optimizer_algorithm><optimization_convergence_tolerance>1e-4</optimization_convergence_tolerance>
 <optimizer_max_iterations>2000</optimizer_max_iterations></CMCTool></OpenSimDocument>
 """
 

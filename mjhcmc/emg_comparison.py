@@ -234,8 +234,8 @@ def compare_emg(
     if kept.sum() < _FEWEST:
         after = "" if start is None else f" from {start:g} s"
         raise SettingsError(
-            f"{emg.name} covers {emg.time[0]:.6g} .. {emg.time[-1]:.6g} s, {kept.sum()} of the solution's windows"
-            f"{after} ({solution.time[0]:.6g} .. {solution.time[-1]:.6g} s), at least {_FEWEST} are needed: bring it "
+            f"{emg.name} covers {emg.time[0]:.3f} .. {emg.time[-1]:.3f} s, {kept.sum()} of the solution's windows"
+            f"{after} ({solution.time[0]:.3f} .. {solution.time[-1]:.3f} s), at least {_FEWEST} are needed: bring it "
             "onto the solution's clock (shifted)"
         )
     middle, u = middle[kept], u[kept]

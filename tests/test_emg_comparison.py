@@ -186,7 +186,7 @@ BAD = [
     ({"least_duration": np.nan}, "least_duration must lie within"),
     ({"start": np.inf}, "start must be a number"),
     ({"lowpass_hz": 80}, "windows of 0.01 s carry less than 50 Hz"),
-    ({"start": 1.75}, r"5 of the solution's windows from 1.75 s \(0 .. 1.8 s\), at least 10 are needed"),
+    ({"start": 1.75}, r"5 of the solution's windows from 1.75 s \(0.000 .. 1.800 s\), at least 10 are needed"),
     ({"mapping": {"sartorius": "soleus"}}, "no muscle sartorius"),
 ]
 

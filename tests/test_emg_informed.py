@@ -335,7 +335,7 @@ def test_bad_targets_are_named_before_the_work_begins(leg8, slow, method):
     refused(SettingsError, "no muscle sartorius: the muscles are", EmgTargets(constant(S=0.1), {"sartorius": "S"}))
     refused(SettingsError, "no muscle is measured", EmgTargets(constant(S=0.1)))
     late = EmgTargets(constant(soleus=0.1).shifted(100))
-    refused(MotionError, r"covers 98 .. 104 s .*, the motion .* 0 .. 1.8 s: bring it onto the motion's clock", late)
+    refused(MotionError, r"covers 98.000 .. 104.000 s .*, the motion .* 0.000 .. 1.800 s: bring it onto the motion's clock", late)
     spread = EmgTargets(constant(soleus=0.1), weight=1e5)
     with pytest.raises(SettingsError, match="EMG weights times the muscles' weights span a factor of"):
         method(leg8, slow, emg=spread, weights={"soleus": 1e3}, progress=pytest.fail)
@@ -343,7 +343,7 @@ def test_bad_targets_are_named_before_the_work_begins(leg8, slow, method):
 
 def test_emg_of_a_part_of_the_motion_is_told(leg8, slow):
     part = Emg(np.linspace(-1, 0.9, 20), np.full((20, 1), 0.2), ("soleus",), raw=False)
-    with pytest.warns(MjhcmcWarning, match=r"of the motion's 0 .. 1.8 s: elsewhere activation follows nothing"):
+    with pytest.warns(MjhcmcWarning, match=r"of the motion's 0.000 .. 1.800 s: elsewhere activation follows nothing"):
         found = mjhcmc.hcmc(leg8, slow, emg=EmgTargets(part, weight=50.0))
     i = leg8.muscle_names.index("soleus")
     assert found.activation[40:90, i] == pytest.approx(0.2, abs=0.05)
