@@ -1,8 +1,8 @@
 """Every code block of the documentation runs: ``pytest docs``, apart from the tests, since it takes minutes.
 
-A document is one test. Its blocks run in order, in an empty folder that has the files of `tools/folder.py`: bash blocks
-by ``bash -euo pipefail``, Python blocks one after the other with the names of those before, as a reader would who types
-them in. Where a text block follows a Python block's comment `# prints`, or a bash block, it is for the eye only.
+A document is one test. Its blocks run in order, in a folder that is empty but for the files that `tools/folder.py`
+makes for the document: bash blocks by ``bash -euo pipefail``, Python blocks with the names of those before, as if a
+reader typed them in.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent / "tools"))
 from fences import ROOT, Block, blocks, documents
-from folder import needed, prepare
+from folder import prepare
 
 LONGEST = 180  # s, for one bash block
 
@@ -42,7 +42,7 @@ def test_blocks_run(
     name: str, tmp_path: Path, commands: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     found = [block for block in blocks(TO_RUN[name]) if block.runs]
-    prepare(tmp_path, needed("".join(block.text for block in found)))
+    prepare(name, tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{commands}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))

@@ -213,6 +213,9 @@ def main(arguments: list[str] | None = None) -> None:
         fail(error.format_message())
     except MjhcmcError as error:
         fail(str(error))
+    except (KeyboardInterrupt, click.Abort):  # before RuntimeError, which Abort is
+        click.echo("mjhcmc: interrupted before the work was done", err=True)
+        sys.exit(INTERRUPTED)
     except ModuleNotFoundError as error:
         if (error.name or "mjhcmc").partition(".")[0] == "mjhcmc":
             raise
@@ -221,9 +224,6 @@ def main(arguments: list[str] | None = None) -> None:
         if NO_CACHE not in str(error):
             raise
         fail(f"compiled code can be kept nowhere ({error}): set NUMBA_CACHE_DIR to a folder that you may write to")
-    except (KeyboardInterrupt, click.Abort):
-        click.echo("mjhcmc: interrupted before the work was done", err=True)
-        sys.exit(INTERRUPTED)
     sys.exit(code)
 
 

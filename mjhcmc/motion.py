@@ -317,7 +317,11 @@ class Motion:
             paths: the files.
             model: the model to move.
             lowpass_hz: as in `from_file`, for every file; so are all that follow.
-            column_map, start, end, angle_unit, angles: see `from_file`.
+            column_map: see `from_file`.
+            start: see `from_file`.
+            end: see `from_file`.
+            angle_unit: see `from_file`.
+            angles: see `from_file`.
 
         Returns:
             A motion a file, in their order. Names differ, whatever the letters' case: files of one stem get

@@ -116,7 +116,7 @@ def test_a_reserve_that_is_too_large_is_told_with_joint_share_and_time():
     assert told in words
     assert f"knee: {short(0.2 * solution.peak_moment[1])} N m at {at}, 20 % of its peak moment" in words
     assert page.row("Reserve, of the peak moment")[2:] == ["20 % (knee)", "fails"]
-    assert f"reserve in use in 1 of 30 windows (0.670 to 0.680 s)" in words
+    assert "reserve in use in 1 of 30 windows (0.670 to 0.680 s)" in words
     assert all(line in words for line in solution.verdict.findings)
     assert "What to try" in words
     assert page.data["flagged"] == [[solution.time[7], solution.time[8]]]

@@ -50,7 +50,9 @@ def until(page, expression):
 
 def drawn(page):
     """How many panels hold a plot."""
-    return page.evaluate("[...document.querySelectorAll('figure[data-drawn]')].filter((f) => f.querySelector('.main-svg')).length")
+    return page.evaluate(
+        "[...document.querySelectorAll('figure[data-drawn]')].filter((f) => f.querySelector('.main-svg')).length"
+    )
 
 
 def scrolled_through(page):

@@ -14,9 +14,11 @@ import mjhcmc
 from mjhcmc import OutputError, SettingsError, SimulationError
 from mjhcmc.viewing import offscreen, video
 from mjhcmc.viewing.camera import make_camera
+from mjhcmc.viewing.colours import activation_rgba
 from mjhcmc.viewing.frames import Frames
+from mjhcmc.viewing.legend import FOOT, HEAD, Legend
 from mjhcmc.viewing.offscreen import Canvas, gl_back_end
-from mjhcmc.viewing.scene import Stage
+from mjhcmc.viewing.scene import Stage, quiet
 from mjhcmc.viewing.video import write_image, write_video
 
 __all__ = ["gl"]
@@ -27,11 +29,9 @@ WIDTH, HEIGHT = 240, 180
 class Shot:
     """A frame without legend, and where points of the world are in it."""
 
-    def __init__(self, frames, k=0, *, ghost=True, change=None):
+    def __init__(self, frames, k=0, *, ghost=True):
         stage = Stage(frames, ghost=ghost)
         stage.show(k)
-        if change is not None:
-            change(stage.data)
         scene = mujoco.MjvScene(stage.model, 1000)
         stage.compose(scene, make_camera(frames, aspect=WIDTH / HEIGHT))
         with Canvas(stage.model, WIDTH, HEIGHT) as canvas:
@@ -62,12 +62,50 @@ def test_tendons_have_the_colour_of_activation_not_of_excitation():
     for point, silent, active in ((flexor, shot, swapped), (biceps, swapped, shot)):
         assert red(silent.at(point)) < 10
         assert red(active.at(point)) > red(silent.at(point)) + 40
-    # MuJoCo's own tint, by control and activation in MjData, is off
 
-    def drive(data):
-        data.ctrl[:], data.act[:] = 1, 1
 
-    np.testing.assert_array_equal(Shot(frames, change=drive).pixels, shot.pixels)
+def test_nothing_of_mujocos_own_is_drawn_over_it():
+    """Neither its tint of actuated tendons, by control or activation in MjData, nor sites, which hide their ends."""
+    frames = Frames.of(swinging(activation=1.0))
+    stage = Stage(frames)
+    option, flag = mujoco.MjvOption(), mujoco.mjtVisFlag
+    option.flags[:] = 1
+    quiet(option)
+    for own in (stage.option, option):
+        stage.option = own
+        scene = mujoco.MjvScene(stage.model, 100)
+        stage.compose(scene, make_camera(frames))
+        drawn = [(g.objtype, g.category) for g in scene.geoms[: scene.ngeom]]
+        decor = {objtype for objtype, category in drawn if category == mujoco.mjtCatBit.mjCAT_DECOR}
+        assert not decor & {mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_ACTUATOR}
+        tendons = [g for g in scene.geoms[: scene.ngeom] if g.objtype == mujoco.mjtObj.mjOBJ_TENDON]
+        assert len(tendons) == 2  # each once
+        for geom in tendons:
+            np.testing.assert_allclose(geom.rgba, activation_rgba(1.0), atol=1e-6)
+
+
+def test_the_legend_tells_time_speed_scale_and_ghost():
+    plain = np.full((300, 400, 3), 230, np.uint8)
+
+    def written(time=0.5, title="", speed=1.0, ghost=False):
+        return Legend(400, 300, title, speed=speed, ghost=ghost).write_on(plain, time).astype(int)
+
+    first = written()
+    rows, columns = np.nonzero((first != written(time=0.9)).any(axis=2))
+    assert rows.min() > 300 * (1 - FOOT)
+    assert columns.max() < 100
+    for other in (written(speed=0.25), written(ghost=True), written(title="HCMC")):
+        assert (other != first).any()
+    assert (written(title="HCMC")[: int(HEAD * 300)] != 230).any()
+    # the scale: its colours from silent to active, left to right
+    ends = [255 * activation_rgba(a)[:3] for a in (0.0, 1.0)]
+    silent, active = (np.argwhere(np.abs(first - end).max(axis=2) < 4)[:, 1].mean() for end in ends)
+    assert silent < active - 20
+
+
+def test_the_legend_is_light_on_dark():
+    dark = Legend(400, 300, "", speed=None, ghost=False).write_on(np.full((300, 400, 3), 10, np.uint8), 0.5)
+    assert dark[:, :100].max() > 200
 
 
 @pytest.mark.usefixtures("gl")
@@ -91,16 +129,18 @@ def test_the_ghost_is_where_the_leg_should_be():
 
 
 @pytest.mark.usefixtures("gl")
-def test_muscles_on_a_joint_are_discs_beside_each_other():
-    frames = Frames.of(filmed(load(DRUMS), np.zeros((2, 1)), activation=[0.0, 1.0]))
-    stage = Stage(frames)
-    scene = mujoco.MjvScene(stage.model, 100)
-    stage.add_to(scene)
+def test_muscles_on_a_joint_are_beads_around_it():
+    frames = Frames.of(filmed(load(DRUMS), np.array([[0.0], [0.5]]), activation=[0.0, 1.0]))
+    scene = mujoco.MjvScene(frames.model, 100)
+    Stage(frames).add_to(scene)
     forth, back = scene.geoms[: scene.ngeom]
     assert red(forth.rgba) < 0 < red(back.rgba)
-    way = np.array(back.pos) - np.array(forth.pos)
-    assert way[0] > 0  # along the joint's axis
-    np.testing.assert_allclose(way[1:], 0, atol=1e-7)
+    ways = np.array([forth.pos, back.pos])  # the joint is at the origin
+    np.testing.assert_allclose(ways[0], -ways[1], atol=1e-6)
+    assert ways[0, 0] == pytest.approx(0, abs=1e-6)  # around the axis, along which one looks
+    assert np.linalg.norm(ways[0]) >= 0.03 + forth.size[0] - 1e-6  # outside the limb
+    shot = Shot(frames)
+    assert red(shot.at(back.pos)) > red(shot.at(forth.pos)) + 40
 
 
 def test_the_world_and_its_floor_have_no_ghost():
@@ -160,6 +200,8 @@ def test_still(tmp_path):
         assert a.size == b.size
         assert a.size[1] == 100
         assert a.tobytes() != b.tobytes()
+        foot = np.asarray(a).astype(int)[80:, -30:]
+    assert np.abs(foot - 255 * activation_rgba(1.0)[:3]).max(axis=2).min() < 10  # with its legend
 
 
 @pytest.mark.usefixtures("gl")

@@ -45,7 +45,7 @@ class Player {
     canvas.addEventListener("pointerdown", (event) => this.press(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
     for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => this.release(event));
-    canvas.addEventListener("pointerleave", () => this.point(null));
+    canvas.addEventListener("pointerleave", (event) => event.pointerType !== "touch" && this.point(null)); // a tap stays
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.root.addEventListener("keydown", (event) => this.key(event));
     document.addEventListener(TIME, (event) => {
@@ -108,6 +108,7 @@ class Player {
 
   key(event) {
     const own = event.target === this.canvas;
+    this.canvas.classList.remove("replay-touched");
     const does = { " ": () => this.play(!this.playing), Home: () => this.show(this.first), End: () => this.show(this.last),
       ArrowRight: () => this.step(event.shiftKey ? 10 : 1), ArrowLeft: () => this.step(event.shiftKey ? -10 : -1) }[event.key];
     if (!does || event.ctrlKey || event.altKey || event.metaKey) return;
@@ -167,6 +168,7 @@ class Player {
 
   press(event) {
     this.canvas.setPointerCapture(event.pointerId);
+    this.canvas.classList.add("replay-touched"); // no ring around what the pointer chose
     this.canvas.focus({ preventScroll: true });
     this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
     this.point(event);
@@ -249,7 +251,7 @@ class Player {
   }
 
   look() {
-    const factor = Number(this.parts.factor.value), text = factor > 1 ? `pale: desired, error drawn ${factor} times as large` : "pale: desired pose";
+    const factor = Number(this.parts.factor.value), text = factor > 1 ? `desired pose, its distance drawn ${factor} times as large` : "desired pose, behind";
     this.parts["ghost-text"].textContent = text;
     return { ghost: this.parts.ghost.checked, factor };
   }

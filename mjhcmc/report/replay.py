@@ -2,7 +2,7 @@
 
 The data hold what stays once (solids and tendon paths in the frames of rigid groups) and what moves for each frame
 (poses of groups, points where tendons wrap, activation, excitation), as integers in base64. The player's JavaScript is
-our own (replay_scene.js draws, replay.js plays); it asks nothing of the network.
+our own (replay_solids.js and replay_scene.js draw, replay.js plays); it asks nothing of the network.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ MAX_BYTES = 500_000
 UNKNOWN = 65535
 """In the streams of activation and excitation: not a number."""
 
+_SCRIPTS = ("replay_solids.js", "replay_scene.js", "replay.js")
 _COLOURS = 256
 _SKIN = 0.6  # geoms that are less opaque are drawn beneath the bones, as one
 _CLOSE = 1.25  # sizes of what moves: solids of the world that lie farther out are scenery
@@ -78,7 +79,7 @@ def replay_part(frames: Frames) -> ReplayPart:
     """
     data = _data_of(frames)
     here = Path(__file__).parent
-    script = "".join((here / name).read_text(encoding="utf-8") for name in ("replay_scene.js", "replay.js"))
+    script = "".join((here / name).read_text(encoding="utf-8") for name in _SCRIPTS)
     return ReplayPart(_html_of(data), f'(() => {{\n"use strict";\n{script}}})();\n', data)
 
 
@@ -178,7 +179,8 @@ def _shape(shape: Shape, group: dict[int, int]) -> dict[str, Any]:
 
 
 def _tendons(frames: Frames, paths: list[motion.Path], group: dict[int, int]) -> list[dict[str, Any]]:
-    own = frames.tendon_rgba(0)
+    with np.errstate(invalid="ignore"):  # activation may be unknown
+        own = frames.tendon_rgba(0)
     found = []
     for path in paths:
         stops: list[Any] = [
@@ -195,7 +197,8 @@ def _tendons(frames: Frames, paths: list[motion.Path], group: dict[int, int]) ->
 
 def _rings(frames: Frames, group: dict[int, int]) -> list[dict[str, Any]]:
     """Where muscles act that have no path to be drawn: at joints, sites or bodies, or through fixed tendons."""
-    model, places = frames.model, {}
+    model = frames.model
+    places: dict[tuple[int, tuple[float, ...]], list[int]] = {}
     drawn = {path.tendon for path in motion.paths_of(model)}
     for muscle, tendon in enumerate(frames.tendon_of_muscle):
         if int(tendon) not in drawn:

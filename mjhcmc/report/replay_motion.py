@@ -169,8 +169,11 @@ def first_view(model: Any, poses: Poses, shapes: list[Shape], paths: list[Path])
         poses.world(s.body, s.reach[:: max(1, len(s.reach) // 4)]) for s in solid[:: len(solid) // _SHAPES + 1]
     ]
     part = np.concatenate(on_moving, axis=1) if on_moving else every
-    right, up = _plane_of_motion(part, size, (east, north, axis))
-    right = right * _sense(right, up, part, centre, poses, shapes, moving, follows)
+    right, from_above = _plane_of_motion(part, size, (east, north, axis))
+    right = right * _sense(right, axis, part, every, (centre[-1] - centre[0]) * follows)
+    if from_above:
+        toward = np.cos(_ABOVE) * np.cross(right, axis) + np.sin(_ABOVE) * axis
+        up = np.cross(toward, right)
     every = np.concatenate([every, *_near(poses, shapes, moving, low.min(axis=0), high.max(axis=0))], axis=1)
     seen = (every - middle[:, None]) @ np.stack([right, up], axis=-1)
     least, most = seen.min(axis=(0, 1)), seen.max(axis=(0, 1))
@@ -179,8 +182,10 @@ def first_view(model: Any, poses: Poses, shapes: list[Shape], paths: list[Path])
     return View(right, up, axis, np.maximum(half, 1e-3), np.array(middle), follows)
 
 
-def _plane_of_motion(part: Array, size: float, frame: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-    """Right and up of a view on the plane of the main direction of motion and the longest extent across it.
+def _plane_of_motion(part: Array, size: float, frame: tuple[Array, Array, Array]) -> tuple[Array, bool]:
+    """Right in a view on the plane of the main direction of motion and the longest extent across it.
+
+    Also whether that plane is to be seen from above.
 
     Args:
         part: (n, .., 3) m, points that move.
@@ -192,7 +197,7 @@ def _plane_of_motion(part: Array, size: float, frame: tuple[Array, Array, Array]
     spread = away.T @ away / max(len(away), 1)
     power, axes = np.linalg.eigh(spread)
     if power[2] <= (1e-5 * size) ** 2:  # nothing moves
-        return east, axis
+        return east, False
     way = axes[:, 2]
     shape = part.mean(axis=0) - part.mean(axis=(0, 1))
     across = np.eye(3) - np.outer(way, way)
@@ -201,12 +206,11 @@ def _plane_of_motion(part: Array, size: float, frame: tuple[Array, Array, Array]
     normal = _snapped(normal * (1.0 if normal @ axis >= 0 else -1.0), (east, north, axis))
     if normal @ axis < np.sin(_FROM_ABOVE):  # upright: from the side
         right = np.cross(axis, normal)
-        return _snapped(_unit(right), (east, north)), axis
+        return _snapped(_unit(right), (east, north)), False
     level = np.array([east, north])  # from above: the longer way lies across the picture
     right = np.linalg.eigh(level @ (shape.T @ shape) @ level.T)[1][:, 1] @ level
     right = _snapped(right, (east, north))
-    toward = np.cos(_ABOVE) * np.cross(right, axis) + np.sin(_ABOVE) * axis
-    return right, np.cross(toward, right)
+    return right, True
 
 
 def _snapped(direction: Array, among: tuple[Array, ...]) -> Array:
@@ -266,18 +270,22 @@ def rotation_vectors(quaternion: Array, desired: Array) -> Array:
     return np.asarray(sign * imaginary * np.where(length > 1e-12, angle / np.maximum(length, 1e-12), 2.0))
 
 
-def _sense(
-    right: Array, up: Array, part: Array, centre: Array, poses: Poses, shapes: list[Shape], moving: set[int],
-    follows: bool,
-) -> float:  # fmt: skip
-    """1 or -1: in which sense the horizontal axis goes."""
-    if follows and abs(way := float((centre[-1] - centre[0]) @ right)) > 0:
-        return 1.0 if way > 0 else -1.0
-    still = [poses.world(s.body, s.reach)[0] for s in shapes if s.body and s.body not in moving]
-    if still:
-        rest = np.concatenate(still)
-        nearer = float((part.mean(axis=(0, 1)) - rest.mean(axis=0)) @ np.cross(right, up))
-        if abs(nearer) > 0.02 * float(np.ptp(part.reshape(-1, 3), axis=0).max()):
+def _sense(right: Array, up: Array, part: Array, every: Array, way: Array) -> float:
+    """1 or -1: in which sense the horizontal axis goes.
+
+    Args:
+        right: (3,) the axis.
+        up: (3,) upwards in the picture.
+        part: (n, .., 3) m, points that move.
+        every: (n, .., 3) m, all points.
+        way: (3,) m, how far the model goes; 0 where it stays.
+    """
+    if abs(way @ right) > 0:
+        return 1.0 if way @ right > 0 else -1.0
+    moved = np.linalg.norm(part - part.mean(axis=0), axis=-1).mean(axis=0)
+    if moved.max() > 0:
+        nearer = float((moved @ part.mean(axis=0) / moved.sum() - every.mean(axis=(0, 1))) @ np.cross(right, up))
+        if abs(nearer) > 0.02 * float(np.ptp(every.reshape(-1, 3), axis=0).max()):
             return 1.0 if nearer > 0 else -1.0
     return 1.0 if right[np.argmax(np.abs(right))] > 0 else -1.0
 

@@ -22,11 +22,12 @@ SHOWN_GROUPS = 3
 MESH_VERTICES = 14_000
 """Of all meshes together, after thinning."""
 
-_FEWEST, _MOST = 60, 600  # vertices that a mesh keeps
+_FEWEST, _MOST = 60, 2500  # vertices that a mesh keeps
 _SIDES = 16  # of a cylinder
 _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
 _STICK = 0.02  # radius of a line figure's limb, as a share of its length
-_MESHES = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF)
+_MESHES = (int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_SDF))
+_NO_SOLIDS = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +71,9 @@ def shapes_of(model: Any) -> list[Shape]:
         model: ``mujoco.MjModel``.
     """
     geoms = [g for g in range(model.ngeom) if _is_drawn(model, g)]
-    own = [g for g in geoms if model.geom_type[g] in _MESHES and model.body_weldid[model.geom_bodyid[g]]]
-    sizes = {g: float(model.geom_rbound[g]) for g in own}  # scenery takes no share
+    own = [g for g in geoms if int(model.geom_type[g]) in _MESHES and model.body_weldid[model.geom_bodyid[g]]]
+    detail = {g: np.sqrt(float(model.mesh_vertnum[model.geom_dataid[g]])) for g in own}
+    sizes = {g: float(model.geom_rbound[g]) * detail[g] for g in own}  # scenery takes no share
     share = MESH_VERTICES / max(sum(sizes.values()), 1e-9)
     found = [_solid(model, g, int(np.clip(share * sizes.get(g, 0.0), _FEWEST, _MOST))) for g in geoms]
     return [shape for shape in found if shape is not None] + list(_line_figure(model, {s.body for s in found if s}))
@@ -103,14 +105,12 @@ def colour_of(model: Any, geom: int) -> Array:
     rgba, material = model.geom_rgba[geom].astype(float), int(model.geom_matid[geom])
     if material >= 0 and tuple(rgba) == _DEFAULT_RGBA:
         rgba = model.mat_rgba[material].astype(float)
-    return np.clip(rgba, 0.0, 1.0)
+    return np.asarray(np.clip(rgba, 0.0, 1.0))
 
 
 def _is_drawn(model: Any, g: int) -> bool:
     return bool(
-        model.geom_group[g] < SHOWN_GROUPS
-        and model.geom_type[g] not in (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
-        and colour_of(model, g)[3] > 0
+        model.geom_group[g] < SHOWN_GROUPS and int(model.geom_type[g]) not in _NO_SOLIDS and colour_of(model, g)[3] > 0
     )
 
 
@@ -198,7 +198,8 @@ def _from_least(corner: NDArray[np.intp]) -> NDArray[np.intp]:
 def _cylinder(radius: float, half: float) -> tuple[Array, NDArray[np.intp]]:
     angle = np.arange(_SIDES) * 2 * np.pi / _SIDES
     ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(_SIDES)], axis=-1)
-    points = np.concatenate([ring - [0, 0, half], ring + [0, 0, half], [[0, 0, -half], [0, 0, half]]])
+    top = np.array([0.0, 0.0, half])
+    points = np.concatenate([ring - top, ring + top, [-top, top]])
     i = np.arange(_SIDES)
     j = (i + 1) % _SIDES
     low, high = 2 * _SIDES + 0 * i, 2 * _SIDES + 1 + 0 * i

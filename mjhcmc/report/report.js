@@ -3,7 +3,7 @@
   "use strict";
   const page = JSON.parse(document.getElementById("report-data").textContent);
   const root = document.documentElement;
-  const LEFT = 46, RIGHT = 18, BOTTOM = 24; // px; the cursor's place in report.css is by these
+  const LEFT = 46, RIGHT = 18, BOTTOM = 24; // px
   const coarse = matchMedia("(pointer: coarse)").matches; // fingers scroll, they do not zoom
   const wanted = matchMedia("(prefers-color-scheme: dark)");
   const state = { range: page.span, stamp: 0, cursor: null };
@@ -188,7 +188,7 @@
   const refreshNear = () => near.forEach(refresh);
   const watcher = new IntersectionObserver((entries) => {
     for (const { target, isIntersecting } of entries) {
-      if (isIntersecting) { near.add(target); refresh(target); } else near.delete(target);
+      if (isIntersecting) { near.add(target); refresh(target); put(target); } else near.delete(target);
     }
   }, { rootMargin: "300px" });
   let pending = 0;
@@ -210,11 +210,15 @@
     const time = Math.min(Math.max(a + at * (b - a), page.span[0]), page.span[1]);
     document.dispatchEvent(new CustomEvent("mjhcmc:time", { detail: { time, from: "plot" } }));
   }
-  function place() {
+  // each line by itself: a variable of the whole page would have the browser look at every element, 60 times a second
+  function put(figure) {
     const [a, b] = state.range, at = state.cursor === null ? -1 : (state.cursor - a) / (b - a);
-    root.toggleAttribute("data-cursor", at >= 0 && at <= 1);
-    root.style.setProperty("--at", at.toFixed(5));
+    const line = figure.querySelector(".cursor");
+    if (!line) return;
+    line.style.display = at >= 0 && at <= 1 ? "block" : "none";
+    line.style.left = `calc(${LEFT}px + ${at.toFixed(5)} * (100% - ${LEFT + RIGHT}px))`;
   }
+  function place() { near.forEach(put); }
   document.addEventListener("mjhcmc:time", (event) => { state.cursor = event.detail.time; place(); });
 
   // --- light and dark ---

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 from mjhcmc.viewing.frames import Frames
@@ -31,10 +32,12 @@ class BrowserPage:
         from mjhcmc.viewing.player import Player
 
         self.server = start_server(host, port)
-        style(self.server, frames.title)
+        style(self.server, "replay")
         self.player = Player(self.server, frames)
         gui = self.server.gui
-        with gui.add_folder(frames.title):
+        look = "font-size:13px;padding:2px 12px;overflow-wrap:anywhere"
+        gui.add_html(f'<div style="{look}">{escape(frames.title)}</div>')
+        with gui.add_folder("Replay"):
             self.player.add_playback()
         with gui.add_folder("Muscles"):
             self.player.add_muscles()
@@ -90,7 +93,7 @@ def view_in_browser(
 def style(server: Any, title: str) -> None:
     """What pages have in common: light, no logo, no button that would share them with the world."""
     server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
-    server.gui.set_panel_label(f"mjhcmc: {title}" if len(title) < 24 else "mjhcmc")
+    server.gui.set_panel_label(f"mjhcmc: {title}")
     server.gui.main_panel.dock_right()
     server.gui.main_panel.set_width(330)
     server.scene.configure_environment_map(environment_intensity=0.6)

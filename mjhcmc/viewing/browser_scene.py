@@ -22,6 +22,7 @@ _HIDDEN = 1e-9  # of what has no length: 0 would make the browser's matrices sin
 _SPARE = 4  # pieces of tendons, for wrapping that comes and goes
 _FADE = 0.6
 _BELOW = 0.01  # m, of a ground that the model does not have, under the lowest of its bodies
+_MOVES = 1e-3  # m and quaternion: the camera looks at bodies that move more, and at muscles
 _INSIDE = 1e-3  # m, that the ghost is thinner: where it is where it should be, it is not seen
 
 
@@ -115,7 +116,9 @@ class Scene:
 
     def _aim_camera(self, poses: Poses) -> None:
         """From the side, as the model's own view has it (its azimuth), all of the movement in the picture."""
-        points = np.concatenate([self._corners(poses), poses.middle[poses.length > 0]])
+        away = np.ptp(poses.body_position, axis=0).max(axis=-1) + np.ptp(poses.body_quat, axis=0).max(axis=-1)
+        tendons = poses.middle[poses.length > 0]
+        points = np.concatenate([self._corners(poses, away > _MOVES), tendons])
         if not len(points):
             points = np.zeros((1, 3))
         low, high = points.min(axis=0), points.max(axis=0)
@@ -130,10 +133,12 @@ class Scene:
         camera.look_at = tuple((low + high) / 2)
         camera.position = tuple((low + high) / 2 - 1.6 * size * forward)
 
-    def _corners(self, poses: Poses) -> Array:
-        """Corners of the boxes around what bodies look like, in the first and the middle frame."""
+    def _corners(self, poses: Poses, which: NDArray[np.bool_] | None = None) -> Array:
+        """Corners of the boxes around what bodies look like, in some frames; of all, or of those that are True."""
         found = []
         for part in [part for part in self._parts if part.rgba[3] >= 1] or self._parts:
+            if which is not None and not which[part.body]:
+                continue
             low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
             corners = np.array(list(product(*zip(low, high, strict=True))))
             for k in {0, len(poses.length) // 2, len(poses.length) - 1}:

@@ -111,7 +111,8 @@ def _beside(frames: Frames, moving: NDArray[np.intp]) -> NDArray[np.intp]:
 def _view(frames: Frames, name: str) -> tuple[float, float, Array]:
     """Azimuth and elevation, rad, and (points, 3) m, all that is to be seen."""
     places, moving = _places(frames)
-    azimuth = _side(places[:, :moving]) + (math.pi / 2 if name == "front" else 0.0)
+    poses = places[:, :moving].reshape(-1, moving // 2, 3)  # actual and desired alike
+    azimuth = _side(poses) + (math.pi / 2 if name == "front" else 0.0)
     return azimuth, math.radians(_ELEVATION[name]), places.reshape(-1, 3)
 
 

@@ -15,6 +15,7 @@ SOON = 0.1
 
 _GOOD, _BAD, _PALE = "#2b8a3e", "#c92a2a", "#868e96"
 _MOST_FINDINGS = 3
+_LEAST = 1e-3  # of a figure in the table: less is nothing
 
 
 def latency_words(latencies: Sequence[float], result: LiveResult) -> str:
@@ -84,8 +85,8 @@ def numbers_of(result: LiveResult) -> dict[str, str]:
     worst, most = int(np.argmax(error * scale)), int(np.argmax(share))
     unit = "deg" if solution.dof_is_rotation[joints[worst]] else "m"
     rows = {
-        "largest tracking error": f"{(error * scale)[worst]:.2g} {unit}",
-        "reserve, of peak moment": f"{100 * share[most]:.2g} %",
+        "largest tracking error": f"{_figure((error * scale)[worst])} {unit}",
+        "reserve, of peak moment": f"{_figure(100 * share[most])} %",
         "mean excitation": f"{solution.excitation.mean():.3f}",
         "of it reflex": "0" if result.reflex is None else f"{result.reflex.mean():.3f}",
     }
@@ -95,6 +96,11 @@ def numbers_of(result: LiveResult) -> dict[str, str]:
         for j in joints
         if np.isfinite(contraction[j])
     }
+
+
+def _figure(value: float) -> str:
+    """Two digits, of what can be seen."""
+    return f"{value:.2g}" if value >= _LEAST else f"< {_LEAST:g}"
 
 
 def about_words(solver: LiveSolver, has_reflex: bool) -> str:

@@ -26,8 +26,16 @@ _PATIENCE = 60.0  # s
 
 
 def has_display() -> bool:
-    """Whether windows can be opened, as far as the environment tells."""
+    """Whether the environment names a display, without which Linux has no windows."""
     return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def display_answers() -> bool:
+    """Whether the display is there."""
+    import glfw
+
+    glfw.ERROR_REPORTING = "ignore"
+    return bool(glfw.init())
 
 
 @cache
@@ -48,7 +56,7 @@ def gl_back_end() -> str:
         return asked
     if not sys.platform.startswith("linux"):
         return {"darwin": "cgl", "win32": "wgl"}.get(sys.platform, "glfw")
-    if has_display():
+    if has_display() and display_answers():
         return "glfw"
     for name in _HEADLESS:  # in processes of their own: what fails to load here could not be taken back
         environment = {**os.environ, "MUJOCO_GL": name, "PYOPENGL_PLATFORM": name}

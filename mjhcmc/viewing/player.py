@@ -218,7 +218,7 @@ class Player:
 
 def fair_speed(duration: float) -> float:
     """1, or less so that a short movement can be followed; a step of the slider."""
-    return float(np.clip(np.floor(duration / _WATCHED / 0.05 + 1e-9) * 0.05, 0.1, 1.0))
+    return round(float(np.clip(np.floor(duration / _WATCHED / 0.05 + 1e-9) * 0.05, 0.1, 1.0)), 9)
 
 
 def shown_muscles(frames: Frames) -> NDArray[np.intp]:

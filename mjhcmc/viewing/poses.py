@@ -54,7 +54,6 @@ class Poses:
             pieces: at least so many of tendons.
         """
         n = len(frames)
-        bodies = [_bodies(frames, frames.qpos[k]) for k in range(n)]
         paths = [_pieces(frames.paths(k)) for k in range(n)]
         most = max(pieces, *(len(owner) for _, owner in paths), 0)
         ends, tendon = np.zeros((n, most, 2, 3)), np.full((n, most), -1, dtype=np.intp)
@@ -65,27 +64,32 @@ class Poses:
         way = ends[:, :, 1] - ends[:, :, 0]
         length = np.linalg.norm(way, axis=-1)
         length[length < _SHORT] = 0.0
-        ghost = ghost_bodies(frames, magnified)
         return cls(
-            np.array([position for position, _ in bodies]), np.array([quat for _, quat in bodies]), *ghost,
-            ends.mean(axis=2), _from_z(way, length), length, tendon, colour,
+            *_bodies(frames.model, frames.qpos), *ghost_bodies(frames, magnified), ends.mean(axis=2), _from_z(way, length), length, tendon, colour,
         )  # fmt: skip
 
 
 def ghost_bodies(frames: Frames, magnified: float = 1.0) -> tuple[Array, Array]:
     """Positions (n, nbody, 3) m and quaternions (n, nbody, 4) of the desired motion, its distance magnified."""
-    m, found, away = frames.model, [], np.zeros(frames.model.nv)
-    for q, desired in zip(frames.qpos, frames.desired, strict=True):
-        shown = q.copy()
-        mujoco.mj_differentiatePos(m, away, 1.0, q, desired)
-        mujoco.mj_integratePos(m, shown, away, magnified)
-        found.append(_bodies(frames, shown))
-    return np.array([position for position, _ in found]), np.array([quat for _, quat in found])
+    if magnified == 1:
+        return _bodies(frames.model, frames.desired)
+    m, away = frames.model, np.zeros(frames.model.nv)
+    shown = np.array(frames.qpos)
+    for row, desired in zip(shown, frames.desired, strict=True):
+        mujoco.mj_differentiatePos(m, away, 1.0, row, desired)
+        mujoco.mj_integratePos(m, row, away, magnified)
+    return _bodies(m, shown)
 
 
-def _bodies(frames: Frames, qpos: Array) -> tuple[Array, Array]:
-    data: Any = frames.place(qpos)
-    return data.xpos.copy(), data.xquat.copy()
+def _bodies(model: Any, qpos: Array) -> tuple[Array, Array]:
+    """Positions (n, nbody, 3) and quaternions (n, nbody, 4) at rows of qpos (n, nq)."""
+    data = mujoco.MjData(model)
+    position, quat = (np.empty((len(qpos), model.nbody, size)) for size in (3, 4))
+    for k, row in enumerate(qpos):
+        data.qpos[:] = row
+        mujoco.mj_kinematics(model, data)
+        position[k], quat[k] = data.xpos, data.xquat
+    return position, quat
 
 
 def _pieces(paths: tuple[Array, ...]) -> tuple[Array, NDArray[np.intp]]:

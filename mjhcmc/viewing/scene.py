@@ -1,4 +1,4 @@
-"""What a picture shows: tendons coloured by activation, muscles on joints as discs, the desired pose as a ghost."""
+"""What a picture shows: tendons coloured by activation, muscles on joints as beads, the desired pose as a ghost."""
 
 from __future__ import annotations
 
@@ -26,8 +26,11 @@ _COINCIDE = 1e-3  # of the size of the model: nearer than that, a ghost would on
 _WIDTH = (0.005, 0.013)  # half, m for each m of the moving part's size: of the weakest and the strongest muscle
 _VEIL = 0.35  # of the alpha of translucent geoms is left: skin would tint the colours of the muscles under it
 _FADE = 0.6  # of the way to gray: colour is for activation
+_AMBIENT, _DIFFUSE = 0.3, 0.55  # least light of the camera's lamp; the latter where there is no other
+_SHADOW = 2048  # pixels, of shadow maps: without a graphics card they take most of the time
 _GLOW = 0.15  # emission of tendons
-_MARKER = 0.022  # of that size: radius of the disc of a muscle on a joint
+_MARKER = 0.028  # of that size: radius of the bead of a muscle on a joint
+_THICKEST = 3.0  # of those: how thick a limb is at most taken to be, for beads to lie outside it
 
 
 class Stage:
@@ -107,6 +110,11 @@ def _painted(frames: Frames) -> Any:
     """A copy of the model whose tendons take colours; muscles are as thick as their strength has it."""
     m = copy.deepcopy(frames.model)
     m.vis.global_.fovy = FIELD_OF_VIEW
+    m.vis.quality.shadowsize = min(m.vis.quality.shadowsize, _SHADOW)
+    head = m.vis.headlight
+    head.ambient[:] = np.maximum(head.ambient, _AMBIENT)
+    if not m.nlight:
+        head.diffuse[:] = np.maximum(head.diffuse, _DIFFUSE)
     pulls = frames.tendon_of_muscle >= 0
     tendons = frames.tendon_of_muscle[pulls]
     veils = (m.geom_rgba[:, 3] < _OPAQUE) & (m.geom_matid < 0)
@@ -168,7 +176,7 @@ class _Ghost:
 
 
 class _Markers:
-    """Muscles that pull on no tendon: a disc each, coloured by activation, beside each other along the joint's axis."""
+    """Muscles that pull on no tendon: a bead each, coloured by activation, in a ring around the axis they turn."""
 
     def __init__(self, frames: Frames, radius: float) -> None:
         m = frames.model
@@ -177,23 +185,36 @@ class _Markers:
         ids = frames.muscle_ids[self._muscles]
         self._kind, self._what = m.actuator_trntype[ids], m.actuator_trnid[ids, 0]
         keys = list(zip(self._kind.tolist(), self._what.tolist(), strict=True))
-        # places along the axis, around its middle
-        self._offset = [
-            1.1 * radius * (sum(key == other for other in keys[:i]) - (keys.count(key) - 1) / 2)
-            for i, key in enumerate(keys)
-        ]
+        self._turn = [2 * np.pi * sum(key == k for k in keys[:i]) / keys.count(key) for i, key in enumerate(keys)]
+        self._ring = [radius + _thickness(m, kind, what, _THICKEST * radius) for kind, what in keys]
 
     def add_to(self, scene: Any, data: Any, activation: Array) -> None:
-        """Add the discs."""
+        """Add the beads."""
         rgba = activation_rgba(activation[self._muscles])
-        for kind, what, offset, colour in zip(self._kind, self._what, self._offset, rgba, strict=True):
-            place, axis = _axis(data, int(kind), int(what))
-            turn = np.empty(9)
-            quat = np.empty(4)
-            mujoco.mju_quatZ2Vec(quat, axis)
-            mujoco.mju_quat2Mat(turn, quat)
-            size = np.array([self._radius, 0.4 * self._radius, 0.0])
-            _add(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, size, place + offset * axis, turn, colour)
+        for i, colour in enumerate(rgba):
+            place, axis = _axis(data, int(self._kind[i]), int(self._what[i]))
+            forward = np.cross(axis, _FORWARD_OF[int(abs(axis[2]) > _UPRIGHT)])
+            forward /= np.linalg.norm(forward)
+            way = np.cos(self._turn[i]) * forward + np.sin(self._turn[i]) * np.cross(axis, forward)
+            size = np.array([self._radius, 0.0, 0.0])
+            at = place + self._ring[i] * way
+            bead = _add(scene, mujoco.mjtGeom.mjGEOM_SPHERE, size, at, np.eye(3).ravel(), colour)
+            if bead is not None:
+                bead.emission, bead.specular = _GLOW, 0.1
+
+
+_FORWARD_OF = (np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]))  # across which, for level and for upright axes
+_UPRIGHT = 0.9
+
+
+def _thickness(m: Any, kind: int, what: int, most: float) -> float:
+    """Half the thickness of a limb at a joint, m: of the round geoms of the body that it moves."""
+    if kind not in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
+        return 0.0
+    shape = mujoco.mjtGeom
+    is_round = np.isin(m.geom_type, [int(shape.mjGEOM_CAPSULE), int(shape.mjGEOM_CYLINDER), int(shape.mjGEOM_SPHERE)])
+    own = is_round & (m.geom_bodyid == m.jnt_bodyid[what])
+    return min(float(m.geom_size[own, 0].max(initial=0.0)), most)
 
 
 def _axis(data: Any, kind: int, what: int) -> tuple[Array, Array]:

@@ -229,7 +229,7 @@ def _write_mp4(pictures: Iterator[Image], path: Path, fps: float, size: tuple[in
     from imageio_ffmpeg import write_frames
 
     writer = write_frames(
-        str(path), size, fps=fps, codec="libx264", pix_fmt_out="yuv420p", quality=None, macro_block_size=2,
+        str(path), size, fps=fps, codec="libx264", pix_fmt_out="yuv420p", quality=None, macro_block_size=1,
         output_params=["-crf", _QUALITY, "-movflags", "+faststart"], ffmpeg_log_level="error",
     )  # fmt: skip
     writer.send(None)

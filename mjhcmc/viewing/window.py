@@ -18,7 +18,7 @@ from mjhcmc.viewing.camera import Margins, check_camera, make_camera
 from mjhcmc.viewing.clock import HELP, Clock
 from mjhcmc.viewing.frames import Frames
 from mjhcmc.viewing.legend import scale_image
-from mjhcmc.viewing.offscreen import has_display
+from mjhcmc.viewing.offscreen import display_answers, has_display
 from mjhcmc.viewing.scene import Stage, quiet
 from mjhcmc.viewing.video import check_rate
 
@@ -98,10 +98,7 @@ def check_window() -> None:
                 f"{REMEDY.removeprefix('use ')}"
             )
         return
-    import glfw
-
-    glfw.ERROR_REPORTING = "ignore"
-    if not glfw.init():
+    if not display_answers():
         raise OutputError(f"no window can be opened, the display does not answer: {REMEDY}")
 
 
