@@ -41,6 +41,7 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_blocks_run(
     name: str, tmp_path: Path, commands: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
+    """The blocks of one document, in order."""
     found = [block for block in blocks(TO_RUN[name]) if block.runs]
     prepare(name, tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -58,15 +59,19 @@ def test_blocks_run(
 
 
 def run_bash(block: Block, folder: Path) -> None:
+    """Run a block as a script that ends at the first error."""
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", block.text],
         cwd=folder, capture_output=True, text=True, timeout=LONGEST, stdin=subprocess.DEVNULL, check=False,
     )  # fmt: skip
     if done.returncode:
-        pytest.fail(f"{block.place}: exit code {done.returncode}\n{block.text}\n{done.stdout[-2000:]}{done.stderr}", False)
+        pytest.fail(
+            f"{block.place}: exit code {done.returncode}\n{block.text}\n{done.stdout[-2000:]}{done.stderr}", False
+        )
 
 
 def run_python(block: Block, namespace: types.ModuleType) -> None:
+    """Run a block among the names of those before."""
     try:
         code = compile("\n" * block.line + block.text, str(block.document), "exec")  # the document's own line numbers
         exec(code, namespace.__dict__)

@@ -37,9 +37,7 @@ from mjhcmc.cli_support import (
     engine_notices,
     fail,
     look_at,
-    output_folder,
     progress_bar,
-    save_figures,
     show_warning,
     told,
     typed,
@@ -47,6 +45,7 @@ from mjhcmc.cli_support import (
 )
 from mjhcmc.cli_view import view_command
 from mjhcmc.errors import MjhcmcError, MjhcmcWarning
+from mjhcmc.io.files import output_folder
 
 if TYPE_CHECKING:
     from mjhcmc.solution import Solution
@@ -112,7 +111,7 @@ def reproduce(
 
     check_muscle(muscle, curves)
     import mjhcmc
-    from mjhcmc.plotting import excitation_figure
+    from mjhcmc.plotting import excitation_figure, save_figures
     from mjhcmc.reproduce import reproduce as run
 
     click.get_current_context().with_resource(engine_notices())

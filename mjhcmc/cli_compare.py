@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjhcmc.cli_support import engine_notices, interrupt_later, output_folder, progress_bar, told
+from mjhcmc.cli_support import engine_notices, interrupt_later, progress_bar, told
 from mjhcmc.errors import MjhcmcWarning
+from mjhcmc.io.files import output_folder
 
 if TYPE_CHECKING:
     from mjhcmc.model import MuscleModel

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjhcmc.cli_support import interrupt_later, output_folder, told
+from mjhcmc.cli_support import interrupt_later, told
 from mjhcmc.errors import MjhcmcWarning, SettingsError
+from mjhcmc.io.files import output_folder
 
 if TYPE_CHECKING:
     from mjhcmc.emg import Emg

@@ -18,12 +18,11 @@ from mjhcmc.cli_support import (
     VERBOSE,
     engine_notices,
     interrupt_later,
-    output_folder,
     progress_bar,
-    save_figures,
     told,
 )
 from mjhcmc.errors import MjhcmcWarning, SettingsError
+from mjhcmc.io.files import output_folder
 
 if TYPE_CHECKING:
     from mjhcmc.gradients.table import SensitivityTable
@@ -160,7 +159,7 @@ def _motion(path: Path | None, movement: str | None, lowpass: float | None, mode
 
 def _write(table: SensitivityTable, found: Intervals | None, folder: Path) -> list[str]:
     """Tables and figures into a folder; the paths written."""
-    from mjhcmc.plotting import interval_figure, sensitivity_figure
+    from mjhcmc.plotting import interval_figure, save_figures, sensitivity_figure
 
     with interrupt_later():
         paths = [str(table.save(folder / "sensitivity.csv"))]

@@ -22,14 +22,15 @@ from mjhcmc.cli_support import (
     QUIET,
     VERBOSE,
     engine_notices,
+    kept_notices,
     look_at,
-    output_folder,
     progress_bar,
     told,
     typed,
     write_solution,
 )
 from mjhcmc.errors import MjhcmcWarning, SettingsError
+from mjhcmc.io.files import output_folder
 from mjhcmc.methods import METHODS, find_method
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ _MODEL = "leg8"
 @click.option("--disable", multiple=True, metavar="MUSCLE", help="Keep a muscle switched off; may be repeated.")
 @click.option("--solver", default="newton", show_default=True, help="newton, or a qpsolvers back end (daqp, osqp ...).")
 @emg_options
+@click.option("--no-figures", is_flag=True, help="Write no figures, which take longer than most solves.")
 @click.option("--opensim", is_flag=True, help="Write controls and states for OpenSim, too.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the summary.")
 @QUIET
@@ -128,6 +130,7 @@ def solve(
     emg_weight: float | None,
     emg_mvc: Path | None,
     emg_delay: float | None,
+    no_figures: bool,
     opensim: bool,
     as_json: bool,
     quiet: bool,
@@ -153,8 +156,7 @@ def solve(
     find_method(method)
     check_muscle(muscle, curves)
     scheme_of(integrator)
-    if quiet:
-        warnings.simplefilter("ignore", MjhcmcWarning)
+    notices = click.get_current_context().with_resource(kept_notices(quiet))
     click.get_current_context().with_resource(told(verbose))
     import mjhcmc
 
@@ -202,10 +204,12 @@ def solve(
         results = {}
         for motion, file in zip(read, motions, strict=True):
             place = folder if len(read) == 1 else folder / motion.name
-            origin = _Origin(model or _MODEL, None if model else spec, tuple(input_facts([("motion", file), *shared])))
+            inputs = tuple(input_facts([("motion", file), *shared]))
+            origin = _Origin(model or _MODEL, None if model else spec, inputs, notices)
             results[motion.name] = _solve_one(
-                method, muscle_model, motion, options, place, origin, opensim=opensim, as_json=as_json, quiet=quiet
-            )
+                method, muscle_model, motion, options, place, origin, opensim=opensim, draw=not no_figures,
+                as_json=as_json, quiet=quiet,
+            )  # fmt: skip
             if results[motion.name]["interrupted"]:
                 break
     if as_json:
@@ -265,11 +269,13 @@ class _Origin:
         model: a shipped name or a path, where spec is None.
         spec: of the subject's leg, where ``--osim`` makes it.
         inputs: the other files, see `run_facts.input_facts`.
+        notices: what was noticed so far; of several motions, those of all.
     """
 
     model: str
     spec: Any
     inputs: tuple[dict[str, Any], ...]
+    notices: list[str]
 
 
 def _input_files(options: Mapping[str, Any]) -> list[tuple[str, Path]]:
@@ -297,6 +303,7 @@ def _solve_one(
     origin: _Origin,
     *,
     opensim: bool,
+    draw: bool,
     as_json: bool,
     quiet: bool,
 ) -> dict[str, Any]:
@@ -316,7 +323,7 @@ def _solve_one(
                 raise
             solution, interrupted = stop.solution, True
         wall_time = time.perf_counter() - began
-        files = write_solution(solution, folder, opensim=opensim)
+        files = write_solution(solution, folder, opensim=opensim, draw=draw)
         driven = model_facts(model, origin.model) if origin.spec is None else None
         if driven is None:
             files.append(_write_model(origin.spec, folder))
@@ -324,7 +331,7 @@ def _solve_one(
             driven = model_facts(mjhcmc.MuscleModel.load(path, integrator=solution.integrator), path, in_folder=True)
         facts = run_facts(
             command=typed(), model=driven, inputs=origin.inputs, solution=folder / "solution.parquet",
-            wall_time=wall_time, interrupted=interrupted,
+            wall_time=wall_time, interrupted=interrupted, notices=origin.notices,
         )  # fmt: skip
         files.append(write_run(folder, facts))
     if not (as_json or quiet):

@@ -1,4 +1,4 @@
-"""What the commands share: the output folder, interrupts, notices, the progress bar."""
+"""What the commands share: interrupts, notices, the progress bar."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from mjhcmc.errors import MjhcmcWarning, OutputError
+from mjhcmc.errors import MjhcmcWarning
 from mjhcmc.log import get_logger
 
 if TYPE_CHECKING:
@@ -165,35 +165,6 @@ def progress_bar(hidden: bool) -> Iterator[Progress]:
 
 
 @contextmanager
-def output_folder(path: Path) -> Iterator[Path]:
-    """Make the folder and see that it can be written, before the work; take it away again if the work fails."""
-    made: list[Path] = []
-    try:
-        made = [folder for folder in (path, *path.parents) if not folder.exists()]
-        path.mkdir(parents=True, exist_ok=True)
-        probe = path / ".mjhcmc-probe"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        _remove(made)
-        raise OutputError(
-            f"{path}: the output folder cannot be written ({error.strerror}): choose another --out"
-        ) from error
-    try:
-        yield path
-    except BaseException:
-        _remove(made)
-        raise
-
-
-def _remove(folders: list[Path]) -> None:
-    """Remove folders that are there and empty, innermost first."""
-    for folder in folders:
-        with suppress(OSError):  # never made, or not empty
-            folder.rmdir()
-
-
-@contextmanager
 def told(verbose: int) -> Iterator[None]:
     """Log records of mjhcmc on standard error: INFO with one -v, DEBUG with two."""
     if not verbose:
@@ -217,6 +188,26 @@ def show_warning(message: Warning | str, category: type[Warning], *_: Any, **__:
         click.echo(f"mjhcmc: notice: {in_options(_one_line(str(message)))}", err=True)
 
 
+@contextmanager
+def kept_notices(quiet: bool) -> Iterator[list[str]]:
+    """What is noticed within the block, as it is shown; with quiet it is kept, not shown."""
+    kept: list[str] = []
+    show = warnings.showwarning
+
+    def keep(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
+        ours = issubclass(category, MjhcmcWarning)
+        if ours:
+            kept.append(in_options(_one_line(str(message))))
+        if not (ours and quiet):
+            show(message, category, *rest, **named)
+
+    warnings.showwarning = keep
+    try:
+        yield kept
+    finally:
+        warnings.showwarning = show
+
+
 def fail(message: str) -> NoReturn:
     """One line on standard error, and exit code 2."""
     click.echo(f"mjhcmc: error: {in_options(_one_line(message))}", err=True)
@@ -238,10 +229,9 @@ def look_at(folder: Path) -> str:
     return f"look at it:  mjhcmc report {shlex.quote(str(folder))}"
 
 
-def write_solution(solution: Solution, folder: Path, *, opensim: bool = False) -> list[str]:
-    """Solution, verdict and figures into a folder; the paths written."""
+def write_solution(solution: Solution, folder: Path, *, opensim: bool = False, draw: bool = True) -> list[str]:
+    """Solution, verdict and, where asked for, figures into a folder; the paths written."""
     from mjhcmc.io.files import written_whole
-    from mjhcmc.plotting import excitation_figure, moment_figure, residual_figure, tracking_figure
 
     with interrupt_later():
         paths = [solution.save(folder / "solution.parquet")]
@@ -253,14 +243,14 @@ def write_solution(solution: Solution, folder: Path, *, opensim: bool = False) -
             from mjhcmc.io.export import export_opensim
 
             paths += export_opensim(solution, folder / "solution")
+    if not draw:
+        return [*map(str, paths)]
+    from mjhcmc.plotting import excitation_figure, moment_figure, residual_figure, save_figures, tracking_figure
+
     figures = {"excitations": excitation_figure, "tracking": tracking_figure, "moments": moment_figure}
     if solution.residual.any():
         figures["residuals"] = residual_figure
-    return [*map(str, paths), *save_figures({name: partial(draw, solution) for name, draw in figures.items()}, folder)]
-
-
-def save_figures(figures: dict[str, Callable[[], Any]], folder: Path) -> list[str]:
-    """Draw figures into a folder; the paths written."""
-    from mjhcmc.plotting import save_figure
-
-    return [str(path) for name, draw in figures.items() for path in save_figure(draw(), folder / name)]
+    return [
+        *map(str, paths),
+        *save_figures({name: partial(figure, solution) for name, figure in figures.items()}, folder),
+    ]

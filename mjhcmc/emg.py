@@ -183,8 +183,8 @@ class Emg:
         kept = (self.time >= start) & (self.time <= end)
         if kept.sum() < 4:
             raise SettingsError(
-                f"{self.name} covers {self.time[0]:.3f} .. {self.time[-1]:.3f} s: between {start:g} and {end:g} s there "
-                f"are {kept.sum()} samples: choose a start and end within it"
+                f"{self.name} covers {self.time[0]:.3f} .. {self.time[-1]:.3f} s: between {start:g} and {end:g} s "
+                f"there are {kept.sum()} samples: choose a start and end within it"
             )
         return replace(self, time=self.time[kept], signal=self.signal[kept])
 

@@ -119,7 +119,10 @@ class EmgTargets:
                 f"{self.emg.name} covers {time[0]:.3f} .. {time[-1]:.3f} s (delayed by {self.delay:g} s), the motion "
                 f"{motion.name!r} {motion.start:.3f} .. {motion.end:.3f} s: bring it onto the motion's clock (shifted)"
             )
-        if time[0] > motion.start + self.delay + TIME_TOLERANCE or time[-1] < motion.end - 1 / self.emg.rate - TIME_TOLERANCE:
+        if (
+            time[0] > motion.start + self.delay + TIME_TOLERANCE
+            or time[-1] < motion.end - 1 / self.emg.rate - TIME_TOLERANCE
+        ):
             warnings.warn(
                 f"{self.emg.name} covers {time[0]:.3f} .. {time[-1]:.3f} s of the motion's {motion.start:.3f} .. "
                 f"{motion.end:.3f} s: elsewhere activation follows nothing",

@@ -34,6 +34,7 @@ def run_facts(
     solution: Path,
     wall_time: float | None,
     interrupted: bool = False,
+    notices: Sequence[str] = (),
 ) -> dict[str, Any]:
     """What run.json holds.
 
@@ -44,10 +45,11 @@ def run_facts(
         solution: the file of the solution; its hash ties the facts to it.
         wall_time: s, of the solve; a first one holds the compiling of kernels. None where it is not known.
         interrupted: whether the solve was stopped before the motion's end.
+        notices: what was noticed: noise, columns not used, loads left out, refinements.
 
     Returns:
         Plain values: ``mjhcmc``, ``command``, ``date`` (UTC), ``versions``, ``platform``, ``model``, ``inputs``,
-        ``solution``, ``status`` (finished or interrupted), ``wall_time_s``.
+        ``solution``, ``status`` (finished or interrupted), ``wall_time_s``, ``notices``.
     """
     from mjhcmc import __version__
 
@@ -61,6 +63,7 @@ def run_facts(
         "solution": {"file": solution.name, "sha256": sha256_of(solution)},
         "status": "interrupted" if interrupted else "finished",
         "wall_time_s": wall_time,
+        "notices": list(notices),
     }
 
 

@@ -275,7 +275,10 @@ def test_long_motions_are_thinned(swing, monkeypatch):
     assert sent[0] == 0
     assert sent[-1] == pytest.approx(time[-1])
     assert np.ptp(np.diff(sent)) <= 0.0051  # even, to a frame
-    assert len(replay_part(frames_of(swing.model, qpos[:101], time=time[:101])).data["time"]) == 26  # 50 a second
+    fine = time[:401] / 5  # 1000 a second for 0.4 s
+    assert len(replay_part(frames_of(swing.model, qpos[:401], time=fine)).data["time"]) == 0.4 * replay.MAX_RATE + 1
+    whole = replay_part(frames_of(swing.model, qpos[:101], time=time[:101])).data
+    assert (len(whole["time"]), whole["thinned"]) == (101, False)
     monkeypatch.setattr(replay, "MAX_BYTES", 4000)
     assert 2 <= len(replay_part(frames_of(swing.model, qpos, time=time)).data["time"]) < 30
 

@@ -195,7 +195,7 @@ def test_the_camera_sees_the_whole_motion(aspect, name):
         0.8 - places[:, 1].max(),
     ]
     assert min(slack) > 0, slack
-    assert min(slack) < 0.15  # and not from far away
+    assert min(slack) < 0.25  # and not from far away
 
 
 def test_a_left_limb_is_seen_from_its_left():

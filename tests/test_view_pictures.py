@@ -68,7 +68,7 @@ def test_nothing_of_mujocos_own_is_drawn_over_it():
     """Neither its tint of actuated tendons, by control or activation in MjData, nor sites, which hide their ends."""
     frames = Frames.of(swinging(activation=1.0))
     stage = Stage(frames)
-    option, flag = mujoco.MjvOption(), mujoco.mjtVisFlag
+    option = mujoco.MjvOption()
     option.flags[:] = 1
     quiet(option)
     for own in (stage.option, option):
@@ -81,7 +81,7 @@ def test_nothing_of_mujocos_own_is_drawn_over_it():
         tendons = [g for g in scene.geoms[: scene.ngeom] if g.objtype == mujoco.mjtObj.mjOBJ_TENDON]
         assert len(tendons) == 2  # each once
         for geom in tendons:
-            np.testing.assert_allclose(geom.rgba, activation_rgba(1.0), atol=1e-6)
+            np.testing.assert_allclose(geom.rgba[:3], activation_rgba(1.0)[:3], atol=1e-6)
 
 
 def test_the_legend_tells_time_speed_scale_and_ghost():

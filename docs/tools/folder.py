@@ -1,4 +1,4 @@
-"""Files that documents talk of, as a reader would have them: made from what the package ships, for `docs/test_blocks.py`.
+"""Files that documents talk of, made from what the package ships, for `docs/test_blocks.py`.
 
 Only documents named here get any. The others make what they need themselves.
 """

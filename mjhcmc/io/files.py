@@ -1,4 +1,4 @@
-"""Writing a file whole or not at all."""
+"""Writing a file whole or not at all, into a folder that is known to take it."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -41,3 +41,36 @@ def write_csv(frame: Any, path: Path) -> Path:
     with written_whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path
+
+
+@contextmanager
+def output_folder(path: Path) -> Iterator[Path]:
+    """Make the folder and see that it can be written, before the work; take it away again if the work fails.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    made: list[Path] = []
+    try:
+        made = [folder for folder in (path, *path.parents) if not folder.exists()]
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / ".mjhcmc-probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        _remove(made)
+        raise OutputError(
+            f"{path}: the output folder cannot be written ({error.strerror}): choose another --out"
+        ) from error
+    try:
+        yield path
+    except BaseException:
+        _remove(made)
+        raise
+
+
+def _remove(folders: list[Path]) -> None:
+    """Remove folders that are there and empty, innermost first."""
+    for folder in folders:
+        with suppress(OSError):  # never made, or not empty
+            folder.rmdir()

@@ -275,8 +275,9 @@ def show_command(
 
     import click
 
-    from mjhcmc.cli_support import output_folder, save_figures
+    from mjhcmc.io.files import output_folder
     from mjhcmc.patients.overview import Overview, look_at
+    from mjhcmc.plotting import save_figures
 
     if folder is not None:
         open_manifest(folder)

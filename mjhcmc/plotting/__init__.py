@@ -2,7 +2,7 @@
 
 from mjhcmc.plotting.emg import emg_figure
 from mjhcmc.plotting.fibers import detail_figure
-from mjhcmc.plotting.figures import convergence_figure, excitation_figure, save_figure
+from mjhcmc.plotting.figures import convergence_figure, excitation_figure, save_figure, save_figures
 from mjhcmc.plotting.moments import moment_figure
 from mjhcmc.plotting.residuals import residual_figure
 from mjhcmc.plotting.sensitivity import interval_figure, sensitivity_figure
@@ -17,6 +17,7 @@ __all__ = [
     "moment_figure",
     "residual_figure",
     "save_figure",
+    "save_figures",
     "sensitivity_figure",
     "tracking_figure",
 ]

@@ -8,7 +8,7 @@ are.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -311,3 +311,8 @@ def save_figure(figure: Figure, stem: str | Path) -> list[Path]:
             with style():
                 figure.savefig(temporary, format=kind, dpi=_PNG_DPI, metadata=data)
     return paths
+
+
+def save_figures(figures: Mapping[str, Callable[[], Figure]], folder: Path) -> list[str]:
+    """Draw figures by name and save each into a folder, see `save_figure`; the paths written."""
+    return [str(path) for name, draw in figures.items() for path in save_figure(draw(), folder / name)]

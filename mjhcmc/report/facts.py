@@ -14,6 +14,8 @@ from mjhcmc.report.units import short
 from mjhcmc.roles import Role
 from mjhcmc.solution import Solution
 
+_ELSEWHERE = ("command", "notices")  # of run.json, what the page shows at another place
+
 
 def facts_section(solution: Solution, run: Mapping[str, Any], why_no_model: str | None) -> Html:
     """The page's last section."""
@@ -28,7 +30,7 @@ def facts_section(solution: Solution, run: Mapping[str, Any], why_no_model: str 
         ),
         element(
             "details", element("summary", "Run: versions, files, hashes"),
-            _pairs({k: v for k, v in run.items() if k != "command"}, "Run")
+            _pairs({k: v for k, v in run.items() if k not in _ELSEWHERE}, "Run")
             if run
             else paragraphs("Nothing is known of the run: there is no run.json beside the solution."),
             class_="fold", open=True,

@@ -104,7 +104,7 @@ def report(
     detail, why_not = contributions.detail_of(solution)
     why_not = why_no_model or why_not
     book, panels = Book(), list[Panel]()
-    parts = [verdict_section(solution)]
+    parts = [verdict_section(solution, (run or {}).get("notices", ()))]
     replay, replay_html = _replay_section(solution, why_not)
     parts.append(replay_html)
     for made, own in (

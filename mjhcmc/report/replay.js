@@ -226,7 +226,9 @@ class Player {
     for (const muscle of item.muscles) {
       const name = document.createElement("b"), line = document.createElement("div");
       name.textContent = this.data.muscles[muscle];
-      line.textContent = `activation ${words(this.scene.activationAt(muscle, k, part))}, excitation ${words(this.scene.excitationAt(muscle, k, part))}`;
+      const excitation = words(this.scene.excitationAt(muscle, k, part)), at = this.data.time[part >= 1 ? k + 1 : k];
+      line.textContent = `activation ${words(this.scene.activationAt(muscle, k, part))}, excitation ${excitation}`;
+      if (this.data.thinned) line.textContent += ` (of ${at.toFixed(3)} s)`; // windows between frames are not known here
       this.tip.append(name, line);
     }
     const left = Math.min(this.pointer[0] + 14, width - this.tip.offsetWidth - 4);

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjhcmc.errors import OutputError
 from mjhcmc.report import replay_motion as motion
 from mjhcmc.report.markup import json_in_script
-from mjhcmc.report.replay_shapes import Shape, geom_in_group, planes_of, shapes_of
+from mjhcmc.report.replay_shapes import Shape, corners_of, drawn_geoms, geom_in_group, planes_of, shapes_of
 from mjhcmc.viewing.colours import activation_rgba, hex_colour
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ __all__ = ["DATA_ID", "ReplayPart", "replay_part"]
 DATA_ID = "mjhcmc-replay-data"
 """Of the script element in the page that holds the data; the player reads it there."""
 
-MAX_RATE = 50.0
+MAX_RATE = 200.0
 """Frames in each second of the motion, at most; the player goes evenly between them."""
 
 MAX_FRAMES = 300
@@ -45,7 +45,7 @@ UNKNOWN = 65535
 _SCRIPTS = ("replay_solids.js", "replay_scene.js", "replay.js")
 _COLOURS = 256
 _SKIN = 0.6  # geoms that are less opaque are drawn beneath the bones, as one
-_CLOSE = 1.25  # sizes of what moves: solids of the world that lie farther out are scenery
+_CLOSE = 1.0  # size of what moves: solids of the world that lie farther from its middle are scenery
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,10 @@ def replay_part(frames: Frames) -> ReplayPart:
 
 def _data_of(frames: Frames) -> dict[str, Any]:
     model = frames.model
-    shapes, paths = shapes_of(model), motion.paths_of(model)
+    paths = motion.paths_of(model)
     chosen = _chosen(frames, paths)
     poses = motion.poses_of(frames, chosen, paths)
-    shapes = _without_scenery(shapes, poses)
+    shapes = shapes_of(model, _without_scenery(model, poses))
     view = motion.first_view(model, poses, shapes, paths)
     moving = poses.moving
     centre = (poses.position[:, moving] if len(moving) else poses.position).mean(axis=(0, 1))
@@ -101,6 +101,7 @@ def _data_of(frames: Frames) -> dict[str, Any]:
     return {
         "title": frames.title,
         "time": _rounded(frames.time[chosen], 6),
+        "thinned": len(chosen) < len(frames.time),
         "groups": [
             {"at": _rounded(poses.position[0, g], 6), "turn": _rounded(poses.quaternion[0, g], 7)}
             for g in range(len(poses.bodies))
@@ -149,15 +150,16 @@ def _chosen(frames: Frames, paths: list[motion.Path]) -> NDArray[np.intp]:
     return np.asarray(finite[np.unique(np.linspace(0, len(finite) - 1, max(most, 2)).round().astype(int))])
 
 
-def _without_scenery(shapes: list[Shape], poses: motion.Poses) -> list[Shape]:
-    """Without solids of the world that are not close to the model, such as a laboratory's walls."""
-    own = [poses.world(s.body, s.reach) for s in shapes if s.body]
-    if not own:
-        return shapes
-    every = np.concatenate(own, axis=1).reshape(-1, 3)
+def _without_scenery(model: Any, poses: motion.Poses) -> list[int]:
+    """Geoms that are drawn, but for those fixed to the world and not close to what moves, such as walls."""
+    box = {g: corners_of(model, g) for g in drawn_geoms(model)}
+    moving = [poses.world(body, corners) for body, corners in box.values() if body]
+    if not moving:
+        return list(box)
+    every = np.concatenate(moving, axis=1).reshape(-1, 3)
     middle = (every.min(axis=0) + every.max(axis=0)) / 2
-    reach = _CLOSE * np.ptp(every, axis=0).max() / 2
-    return [s for s in shapes if s.body or (np.abs(s.reach - middle).max() + s.radius) <= reach]
+    reach = _CLOSE * np.ptp(every, axis=0).max()
+    return [g for g, (body, corners) in box.items() if body or np.abs(corners - middle).max() <= reach]
 
 
 def _shape(shape: Shape, group: dict[int, int]) -> dict[str, Any]:

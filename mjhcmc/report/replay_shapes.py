@@ -64,19 +64,32 @@ class Shape:
         return np.concatenate([centre + half, centre - half])
 
 
-def shapes_of(model: Any) -> list[Shape]:
-    """All solids that are drawn; where a moving group has none, limbs of a line figure between its joints.
+def shapes_of(model: Any, geoms: list[int] | None = None) -> list[Shape]:
+    """Solids that are drawn; where a moving group has none, limbs of a line figure between its joints.
 
     Args:
         model: ``mujoco.MjModel``.
+        geoms: which; all of `drawn_geoms` if None. Meshes are thinned so that these fit in the page.
     """
-    geoms = [g for g in range(model.ngeom) if _is_drawn(model, g)]
-    own = [g for g in geoms if int(model.geom_type[g]) in _MESHES and model.body_weldid[model.geom_bodyid[g]]]
+    geoms = drawn_geoms(model) if geoms is None else geoms
+    own = [g for g in geoms if int(model.geom_type[g]) in _MESHES]
     detail = {g: np.sqrt(float(model.mesh_vertnum[model.geom_dataid[g]])) for g in own}
-    sizes = {g: float(model.geom_rbound[g]) * detail[g] for g in own}  # scenery takes no share
+    sizes = {g: float(model.geom_rbound[g]) * detail[g] for g in own}
     share = MESH_VERTICES / max(sum(sizes.values()), 1e-9)
     found = [_solid(model, g, int(np.clip(share * sizes.get(g, 0.0), _FEWEST, _MOST))) for g in geoms]
     return [shape for shape in found if shape is not None] + list(_line_figure(model, {s.body for s in found if s}))
+
+
+def drawn_geoms(model: Any) -> list[int]:
+    """Geoms that are to be seen and have a volume."""
+    return [g for g in range(model.ngeom) if _is_drawn(model, g)]
+
+
+def corners_of(model: Any, geom: int) -> tuple[int, Array]:
+    """The corners of a geom's bounding box in its group, and the group's body."""
+    centre, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+    sign = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    return geom_in_group(model, geom, centre + sign * half)
 
 
 def in_group(model: Any, body: int, points: Array) -> tuple[int, Array]:

@@ -23,8 +23,13 @@ _STATUS_WORD = {
 }
 
 
-def verdict_section(solution: Solution) -> Html:
-    """The page's first section."""
+def verdict_section(solution: Solution, notices: Sequence[str] = ()) -> Html:
+    """The page's first section.
+
+    Args:
+        solution: what was found.
+        notices: what was noticed on the way, as run.json has it.
+    """
     verdict = solution.verdict
     reasons = reasons_against(solution)
     believed = verdict.passed
@@ -46,6 +51,7 @@ def verdict_section(solution: Solution) -> Html:
         _thresholds(solution),
         _worst(solution),
         _findings(solution),
+        _notices(notices),
         _joints(solution),
         paragraphs(_whose_errors(solution), _replay_words(solution), _clock(solution)),
     )  # fmt: skip
@@ -191,6 +197,13 @@ def _findings(solution: Solution) -> Html:
     if not parts:
         parts = [paragraphs(f"No finding: all {solution.n_window} windows went as they should.")]
     return element("div", *parts, class_="findings")
+
+
+def _notices(notices: Sequence[str]) -> Html:
+    """What the solve pointed out; it decides nothing, but a person should know it."""
+    if not notices:
+        return Html("")
+    return element("div", element("p", "Noticed while solving, and no part of the verdict:"), bullets(notices))
 
 
 def status_lines(solution: Solution) -> list[str]:

@@ -20,7 +20,7 @@ from mjhcmc.viewing.colours import activation_rgba
 if TYPE_CHECKING:
     from mjhcmc.solution import Solution
 
-__all__ = ["Frames", "settle"]
+__all__ = ["Frames", "settle", "span_of"]
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ class Frames:
             SettingsError: fps is not above 0, or there is no such span in the motion.
             SimulationError: the solution does not know its model.
         """
-        first, last = _span(solution, start, end)
+        first, last = span_of(solution, start, end)
         if fps is not None and not (is_number(fps) and math.isfinite(fps) and fps > 0):
             raise SettingsError(f"fps must be a number above 0, got {fps!r}: 30 is usual, None gives a frame a node")
         model = solution.model
@@ -198,8 +198,12 @@ class Frames:
 _PULLEY = -2  # in wrap_obj
 
 
-def _span(solution: Solution, start: float | None, end: float | None) -> tuple[float, float]:
-    """First and last time of the frames, s."""
+def span_of(solution: Solution, start: float | None = None, end: float | None = None) -> tuple[float, float]:
+    """First and last time, s, of a part of a solution.
+
+    Raises:
+        SettingsError: the solution has no such part.
+    """
     low, high = float(solution.time[0]), float(solution.time[-1])
     for name, value in (("start", start), ("end", end)):
         if value is None:

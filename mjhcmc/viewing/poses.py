@@ -64,9 +64,8 @@ class Poses:
         way = ends[:, :, 1] - ends[:, :, 0]
         length = np.linalg.norm(way, axis=-1)
         length[length < _SHORT] = 0.0
-        return cls(
-            *_bodies(frames.model, frames.qpos), *ghost_bodies(frames, magnified), ends.mean(axis=2), _from_z(way, length), length, tendon, colour,
-        )  # fmt: skip
+        bodies, ghost = _bodies(frames.model, frames.qpos), ghost_bodies(frames, magnified)
+        return cls(*bodies, *ghost, ends.mean(axis=2), _from_z(way, length), length, tendon, colour)
 
 
 def ghost_bodies(frames: Frames, magnified: float = 1.0) -> tuple[Array, Array]:

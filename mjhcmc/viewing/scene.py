@@ -86,10 +86,12 @@ class Stage:
 
 
 def quiet(option: Any) -> None:
-    """Switch off what is not part of the picture: MuJoCo's own tint of actuated tendons, sites, joints, contacts."""
+    """Switch off what is not part of the picture: MuJoCo's own tints of tendons, sites, joints, contacts."""
     flag = mujoco.mjtVisFlag
-    for which in (flag.mjVIS_ACTUATOR, flag.mjVIS_ACTIVATION, flag.mjVIS_JOINT, flag.mjVIS_CONTACTPOINT,
-                  flag.mjVIS_CONTACTFORCE, flag.mjVIS_CONSTRAINT):  # fmt: skip
+    for which in (
+        flag.mjVIS_ACTUATOR, flag.mjVIS_ACTIVATION, flag.mjVIS_ISLAND, flag.mjVIS_JOINT, flag.mjVIS_CONTACTPOINT,
+        flag.mjVIS_CONTACTFORCE, flag.mjVIS_CONSTRAINT,
+    ):  # fmt: skip
         option.flags[which] = 0
     option.flags[flag.mjVIS_TENDON] = 1
     option.sitegroup[:] = 0

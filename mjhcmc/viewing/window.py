@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from mjhcmc.errors import OutputError
 from mjhcmc.viewing.camera import Margins, check_camera, make_camera
 from mjhcmc.viewing.clock import HELP, Clock
-from mjhcmc.viewing.frames import Frames
+from mjhcmc.viewing.frames import Frames, span_of
 from mjhcmc.viewing.legend import scale_image
 from mjhcmc.viewing.offscreen import display_answers, has_display
 from mjhcmc.viewing.scene import Stage, quiet
@@ -49,7 +50,7 @@ def view(
     start: float | None = None,
     end: float | None = None,
 ) -> None:
-    """Play a solution in MuJoCo's viewer; returns when its window is closed.
+    """Play a solution in MuJoCo's viewer; returns when its window is closed (or with Ctrl-C).
 
     Tendons have the colour of activation; the desired pose is a ghost where it differs. Space pauses, arrows go by one
     control window, ``[`` and ``]`` (or ``-`` and ``=``) change the speed, Home and End go to the ends; the slider
@@ -71,14 +72,16 @@ def view(
     """
     check_rate("speed", speed, "1 is real time, .25 slow motion")
     check_window()
-    rate = min(_FPS, _MOST / max(float(solution.time[-1] - solution.time[0]), 1e-9))
-    frames = Frames.of(solution, fps=rate, start=start, end=end)
+    first, last = span_of(solution, start, end)
+    count = min(math.ceil(_FPS * (last - first)), _MOST)  # whole steps, so that the last frame is the end
+    frames = Frames.of(solution, fps=count / (last - first), start=start, end=end)
     check_camera(frames.model, camera)
-    first, last = float(frames.time[0]), float(frames.time[-1])
     model, slider = with_time_slider(frames.model, first, last)
     stage = Stage(replace(frames, model=model), ghost=ghost)
     clock = Clock(first, last, speed=speed, step=solution.dt, loop=loop)
-    _play(stage, slider, clock, make_camera(frames, camera, aspect=1.0, margins=Margins(head=0.05, foot=0.1)))
+    eye = make_camera(frames, camera, aspect=1.0, margins=Margins(head=0.05, foot=0.1))
+    with suppress(KeyboardInterrupt):  # closes the window as well
+        _play(stage, slider, clock, eye)
 
 
 def check_window() -> None:

@@ -235,7 +235,7 @@ def grade_command(
     import click
     from tqdm import tqdm
 
-    from mjhcmc.cli_support import output_folder
+    from mjhcmc.io.files import output_folder
 
     with ExitStack() as stack:
         written = None if out is None else stack.enter_context(output_folder(out))
