@@ -1,6 +1,6 @@
 """The picture of leg8: at rest, and with bent knee. It needs OpenGL (MUJOCO_GL=egl or osmesa without a screen).
 
-    python benchmarks/leg8_picture.py [--write [FILE]]
+python benchmarks/leg8_picture.py [--write [FILE]]
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def picture() -> np.ndarray:
             data.qpos[:] = np.deg2rad(pose)
             mujoco.mj_forward(model, data)
             if not views:
-                camera.lookat[:] = 0.07, 0, (data.geom_xpos[:, 2].max() + data.geom_xpos[:, 2].min()) / 2
+                camera.lookat[:] = -0.05, 0, (data.geom_xpos[:, 2].max() + data.geom_xpos[:, 2].min()) / 2
             renderer.update_scene(data, camera, option)
             views.append(renderer.render().copy())
     return np.hstack(views)

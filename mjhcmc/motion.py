@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjhcmc.checks import frozen_array
 from mjhcmc.cosine import COSINE_PERIODS, cosine_rows
 from mjhcmc.errors import MotionError, SettingsError
 from mjhcmc.joints import RANGE_ALLOWANCE, TIME_TOLERANCE, JointModel, check_joint_range
@@ -85,7 +86,7 @@ class Motion:
     def __post_init__(self) -> None:
         """Convert, freeze and check."""
         for key in ("time", "qpos"):
-            object.__setattr__(self, key, _frozen(getattr(self, key), f"{self.name}: {key}"))
+            object.__setattr__(self, key, frozen_array(getattr(self, key), f"{self.name}: {key}"))
         time, qpos = self.time, self.qpos
         if time.ndim != 1 or qpos.ndim != 2 or len(qpos) != len(time) or qpos.shape[1] == 0:
             raise MotionError(
@@ -443,12 +444,3 @@ class Motion:
             f"{self.name}: raw noise dominates q'': {100 * share[worst]:.0f} % of the power of q'' of "
             f"{self.joint_label(worst)} lies above {_NOISE_FREQUENCY:g} Hz: filter with --lowpass 6"
         )
-
-
-def _frozen(value: Any, what: str) -> Array:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise MotionError(f"{what} is not an array of numbers ({error}): give one") from None
-    array.setflags(write=False)
-    return array

@@ -54,7 +54,7 @@ def no_figures(monkeypatch):
     """Leave the figures out where a test is not about them: they take a second."""
     for name in ("excitation_figure", "tracking_figure", "moment_figure", "residual_figure"):
         monkeypatch.setattr(f"mjhcmc.plotting.{name}", lambda solution, overlay=None: None)
-    monkeypatch.setattr("mjhcmc.plotting.save_figure", lambda figure, stem: [])
+    monkeypatch.setattr("mjhcmc.plotting.save_figures", lambda figures, folder: [])
 
 
 @pytest.fixture

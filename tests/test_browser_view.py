@@ -21,6 +21,7 @@ pytest.importorskip("viser")
 
 SIZE = {"width": 860, "height": 480}  # small: it is drawn without a GPU
 SMALL = {"width": 800, "height": 200}
+COARSE = 0.4  # of a pixel: software draws each
 READY = 15_000  # ms
 SCENE = {"x": 380, "y": 30, "width": 130, "height": 440}  # between the panels
 SLOW_GL = ("GPU stall due to ReadPixels", "GL Driver Message")  # notes of software rendering
@@ -30,7 +31,7 @@ SLOW_GL = ("GPU stall due to ReadPixels", "GL Driver Message")  # notes of softw
 def opened(browser, page, size=SIZE):
     """A tab with the page, once its charts are there."""
     host = page.url.removeprefix("http://")
-    watched = watched_page(browser, lambda url: host in url, viewport=size)
+    watched = watched_page(browser, lambda url: host in url, viewport=size, device_scale_factor=COARSE)
     watched.page.goto(page.url)
     watched.page.wait_for_function(
         "() => Object.keys(window.__viserTestpoints?.uplots ?? {}).length >= 8", timeout=READY

@@ -25,6 +25,7 @@ PAGES = {
     "benchmarks/README.md": "benchmarks.md",
 }
 COMMANDS = "<!-- commands -->"
+NAMES = {"emg": "EMG", "hill": "Hill", "mujoco": "MuJoCo", "myosuite": "MyoSuite"}
 
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>(?:[^\[\]]|\[[^\]]*\])*)\]\((?P<target>[^)\s]+)\)")
 _FENCED = re.compile(r"^(```.*?^```)$", re.MULTILINE | re.DOTALL)
@@ -85,9 +86,9 @@ def example_anchor(path: str) -> str:
 
 def examples() -> str:
     """All examples, one after the other."""
-    parts = ["# Examples", "Each is a script of its own in the folder `examples/`, and runs in the tests."]
+    parts = ["# Examples", "Each is a script of its own in the folder `examples/`, and the tests run it."]
     for path in sorted((ROOT / "examples").glob("*.py")):
-        title = path.stem[3:].replace("_", " ")
+        title = " ".join(NAMES.get(word, word) for word in path.stem[3:].split("_"))
         heading = f"## {title[0].upper()}{title[1:]} {{ #{example_anchor(path.name)} }}"
         parts += [heading, f"`examples/{path.name}`", f"```python\n{path.read_text(encoding='utf-8')}```"]
     return "\n\n".join(parts)
