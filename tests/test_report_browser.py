@@ -189,7 +189,8 @@ def test_on_paper_all_that_is_not_folded_away_is_light_and_not_too_wide(browser,
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
     assert page.evaluate("document.documentElement.scrollWidth") <= 703
     assert not page.locator("#theme").is_visible()
-    assert page.get_by_text("The replay moves, and is not printed.").is_visible()
+    assert page.locator("#replay-player canvas").is_visible()  # stills
+    assert not page.locator("#replay-player input[type=range]").is_visible()
     page.evaluate("dispatchEvent(new Event('afterprint'))")
     page.emulate_media(media="screen")
     assert page.evaluate("document.documentElement.dataset.theme") == "dark"

@@ -168,7 +168,7 @@ def _replay_section(solution: Solution, why_not: str) -> tuple[ReplayPart | None
             class_="on-screen",
         ),
         Html(f'<div id="replay-player">{part.html}</div>'),
-        element("p", "The replay moves, and is not printed.", class_="on-paper"),
+        element("p", "Five instants of the replay, evenly over its time.", class_="on-paper"),
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import io
 import logging
 import socket
@@ -38,7 +39,9 @@ def start_server(host: str, port: int) -> Any:
     check_port(host, port)
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # browsers that go away are no news
     with redirect_stdout(io.StringIO()):  # its banner; ours is one line
-        return viser.ViserServer(host=host, port=port, verbose=False)
+        server = viser.ViserServer(host=host, port=port, verbose=False)
+    atexit.register(stop_server, server)  # before viser's own, which says so on standard output
+    return server
 
 
 def check_port(host: str, port: int) -> None:
@@ -100,6 +103,6 @@ def serve(
 
 
 def stop_server(server: Any) -> None:
-    """Stop a server without a word of its own."""
+    """Stop a server without a word of its own; a second time does nothing."""
     with redirect_stdout(io.StringIO()):
         server.stop()
