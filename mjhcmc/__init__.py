@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from mjhcmc.viewing.browser import view_in_browser
     from mjhcmc.viewing.frames import Frames
     from mjhcmc.viewing.live import live_page
-    from mjhcmc.viewing.video import write_video
+    from mjhcmc.viewing.video import write_image, write_video
     from mjhcmc.viewing.window import view
 
 __version__ = "0.1.0"
@@ -115,6 +115,7 @@ _HOME = {
     "static_optimization": "methods.static_optimization",
     "view": "viewing.window",
     "view_in_browser": "viewing.browser",
+    "write_image": "viewing.video",
     "write_report": "report.page",
     "write_video": "viewing.video",
 }
@@ -172,6 +173,7 @@ __all__ = [
     "static_optimization",
     "view",
     "view_in_browser",
+    "write_image",
     "write_report",
     "write_video",
 ]

@@ -220,6 +220,8 @@ def main(arguments: list[str] | None = None) -> None:
             raise
         fail(f"{error}: mjhcmc doctor tells what is missing here, and how to install it")
     except RuntimeError as error:
+        if "MUJOCO_GL" in str(error):
+            fail(f"{error}: set it to egl, osmesa or glfw, or unset it (mjhcmc doctor tells which work)")
         if NO_CACHE not in str(error):
             raise
         fail(f"compiled code can be kept nowhere ({error}): set NUMBA_CACHE_DIR to a folder that you may write to")

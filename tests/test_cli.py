@@ -124,7 +124,22 @@ def test_noise_is_told_before_it_drives_the_muscles(run, mot, tmp_path, no_figur
 
     outcome = run("solve", mot(edit=shake), "--out", tmp_path / "out")
     assert outcome.code in (0, 1), outcome.err
-    assert any("hip" in notice and "--lowpass" in notice for notice in outcome.notices)
+    told = [notice for notice in outcome.notices if "hip" in notice and "--lowpass" in notice]
+    assert told
+    kept = json.loads((tmp_path / "out" / "run.json").read_text())["notices"]
+    assert [notice.removeprefix("mjhcmc: notice: ") for notice in told] == [each for each in kept if "noise" in each]
+    outcome = run("solve", mot(edit=shake), "--quiet", "--out", tmp_path / "quiet")
+    assert not outcome.notices
+    assert json.loads((tmp_path / "quiet" / "run.json").read_text())["notices"] == kept  # not shown, still known
+    solution = mjhcmc.Solution.load(tmp_path / "out" / "solution.parquet")
+    page = mjhcmc.write_report(solution, tmp_path / "page.html", run={"notices": kept}).read_text()
+    assert "Noticed while solving" in page
+
+
+def test_figures_are_left_out_where_nobody_wants_them(run, mot, tmp_path):
+    outcome = run("solve", mot(), "--no-figures", "--out", tmp_path / "out")
+    assert outcome.code in (0, 1), outcome.err
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["run.json", "solution.parquet", "verdict.json"]
 
 
 def test_solver_physics_dt_and_a_model_of_ones_own(run, tmp_path, two_joints, no_figures):

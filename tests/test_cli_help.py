@@ -1,5 +1,6 @@
 """Help and completion: at once, complete, with examples that the commands would take."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -212,3 +213,14 @@ def test_no_place_for_compiled_code_is_one_line(run, monkeypatch):
     assert outcome.code == 2
     assert len(outcome.errors) == 1
     assert outcome.errors[0].endswith("set NUMBA_CACHE_DIR to a folder that you may write to")
+
+
+def test_a_gl_back_end_that_is_none_is_named_in_one_line():
+    environment = {**os.environ, "MUJOCO_GL": "bogus"}
+    done = subprocess.run(
+        [sys.executable, "-m", "mjhcmc", "check", "leg8"], cwd=ROOT, capture_output=True, text=True, env=environment
+    )
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "MUJOCO_GL: bogus" in done.stderr
+    assert "mjhcmc doctor" in done.stderr

@@ -146,7 +146,8 @@ class Frames:
         """(ntendon,) the largest activation of the muscles on each tendon in frame k; NaN where there is no muscle."""
         found = np.full(self.model.ntendon, -np.inf)
         pulls = self.tendon_of_muscle >= 0
-        np.maximum.at(found, self.tendon_of_muscle[pulls], self.activation[k, pulls])
+        with np.errstate(invalid="ignore"):  # an activation that is not known stays so
+            np.maximum.at(found, self.tendon_of_muscle[pulls], self.activation[k, pulls])
         return np.where(np.isneginf(found), np.nan, found)
 
     def tendon_rgba(self, k: int) -> Array:

@@ -7,6 +7,7 @@ import io
 import logging
 import socket
 import threading
+import weakref
 import webbrowser
 from collections.abc import Callable
 from contextlib import redirect_stdout
@@ -40,7 +41,7 @@ def start_server(host: str, port: int) -> Any:
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # browsers that go away are no news
     with redirect_stdout(io.StringIO()):  # its banner; ours is one line
         server = viser.ViserServer(host=host, port=port, verbose=False)
-    atexit.register(stop_server, server)  # before viser's own, which says so on standard output
+    atexit.register(_stop_alive, weakref.ref(server))  # before viser's own, which says so on standard output
     return server
 
 
@@ -106,3 +107,8 @@ def stop_server(server: Any) -> None:
     """Stop a server without a word of its own; a second time does nothing."""
     with redirect_stdout(io.StringIO()):
         server.stop()
+
+
+def _stop_alive(server: weakref.ref[Any]) -> None:
+    if (alive := server()) is not None:
+        stop_server(alive)
