@@ -117,6 +117,8 @@ def test_benchmarks_say_what_they_do(script, monkeypatch, capsys):
         ("gradients.py", "gradients.md"),
         ("sensitivity.py", "sensitivity.md"),
         ("environments.py", "howto/train-a-policy.md"),
+        ("live.py", "viewing.md"),
+        ("validation.py", "validation.md"),
     ],
 )
 def test_documents_have_their_tables(script, document, monkeypatch):

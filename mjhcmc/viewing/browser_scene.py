@@ -131,7 +131,7 @@ class Scene:
         camera = self._server.initial_camera
         camera.fov = np.deg2rad(40.0)
         camera.look_at = tuple((low + high) / 2)
-        camera.position = tuple((low + high) / 2 - 1.6 * size * forward)
+        camera.position = tuple((low + high) / 2 - 1.8 * size * forward)
 
     def _corners(self, poses: Poses, which: NDArray[np.bool_] | None = None) -> Array:
         """Corners of the boxes around what bodies look like, in some frames; of all, or of those that are True."""

@@ -86,7 +86,7 @@ def numbers_of(result: LiveResult) -> dict[str, str]:
     unit = "deg" if solution.dof_is_rotation[joints[worst]] else "m"
     rows = {
         "largest tracking error": f"{_figure((error * scale)[worst])} {unit}",
-        "reserve, of peak moment": f"{_figure(100 * share[most])} %",
+        "reserve / peak moment": f"{_figure(100 * share[most])} %",
         "mean excitation": f"{solution.excitation.mean():.3f}",
         "of it reflex": "0" if result.reflex is None else f"{result.reflex.mean():.3f}",
     }
