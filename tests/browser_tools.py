@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+from needs import missing
 
 _QUIET = (
     "--no-sandbox",
@@ -33,9 +34,7 @@ def chromium_path() -> str:
         if found:
             return found
     why = "this test needs a browser: install playwright (pip) and chromium, or name one in MJHCMC_CHROMIUM"
-    if os.environ.get("MJHCMC_REQUIRE_BROWSER"):
-        pytest.fail(why)
-    pytest.skip(why)
+    return missing(why)
 
 
 @contextmanager

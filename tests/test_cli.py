@@ -139,7 +139,11 @@ def test_noise_is_told_before_it_drives_the_muscles(run, mot, tmp_path, no_figur
 def test_figures_are_left_out_where_nobody_wants_them(run, mot, tmp_path):
     outcome = run("solve", mot(), "--no-figures", "--out", tmp_path / "out")
     assert outcome.code in (0, 1), outcome.err
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["run.json", "solution.parquet", "verdict.json"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "run.json",
+        "solution.parquet",
+        "verdict.json",
+    ]
 
 
 def test_solver_physics_dt_and_a_model_of_ones_own(run, tmp_path, two_joints, no_figures):

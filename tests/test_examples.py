@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from needs import missing
 
 from mjhcmc.errors import MjhcmcWarning
 
@@ -217,8 +218,9 @@ def test_report_and_video(run):
     for word in ("soleus", "static optimization", "EMG"):
         assert word in page
     assert not re.search(r"""<(script|link|img|iframe)[^>]*(src|href)=["']https?:""", page)
-    if "no video" not in out:
-        assert files["fast.gif"].read_bytes().startswith(b"GIF8")
+    if "no video" in out:
+        missing("no OpenGL for drawing without a screen")
+    assert files["fast.gif"].read_bytes().startswith(b"GIF8")
 
 
 def test_plain_mujoco(run):

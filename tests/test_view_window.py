@@ -9,13 +9,16 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from needs import missing
 
-pytestmark = [
-    pytest.mark.browser,  # like a browser it needs a screen of its own
-    pytest.mark.skipif(
-        not (shutil.which("Xvfb") and shutil.which("xdotool")), reason="Xvfb or xdotool is not installed"
-    ),
-]
+pytestmark = pytest.mark.browser  # like a browser it needs a screen of its own
+
+
+@pytest.fixture(autouse=True)
+def tools():
+    if not (shutil.which("Xvfb") and shutil.which("xdotool")):
+        missing("Xvfb or xdotool is not installed")
+
 
 SCREEN = (1280, 900)
 # MuJoCo's window has two thirds of the screen, its right panel starts at CONTROL's left; pixels

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 from conftest import PENDULUMS
+from needs import missing
 
 import mjhcmc
 
@@ -71,11 +72,11 @@ def swinging(n=21, **more):
 
 @pytest.fixture(scope="session")
 def gl():
-    """Skip where nothing can be drawn."""
+    """See `needs.missing` where nothing can be drawn."""
     from mjhcmc.viewing.offscreen import Canvas
 
     try:
         with Canvas(load().mj_model, 64, 64):
             pass
     except mjhcmc.OutputError as error:
-        pytest.skip(str(error))
+        missing(str(error))
