@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+
+from mjhcmc import _HOME
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "mjhcmc"
@@ -22,11 +26,14 @@ MODULES = {
 
 
 def block(kind: str) -> list[str]:
-    """Lines of the page's text block of floors, or of doors (``->``)."""
+    """Lines of the page's text block of floors, of doors (``->``), or of those who look names up (import_module)."""
     every = re.findall(r"```text\n(.*?)```", PAGE.read_text(), re.S)
-    found = [each for each in every if ("->" in each) == (kind == "->")]
-    assert len(found) == 1, f"{PAGE.name}: one block of floors, one of doors"
-    return found[0].splitlines()
+    kinds = {
+        "->" if "->" in each else "import_module" if each.startswith("import_module") else "floors": each
+        for each in every
+    }
+    assert len(kinds) == len(every) == 3, f"{PAGE.name}: one block of floors, one of doors, one of import_module"
+    return kinds[kind].splitlines()
 
 
 def floors() -> dict[str, int]:
@@ -44,19 +51,27 @@ def floor_of(module: str, of: dict[str, int]) -> int | None:
 
 
 def imported(tree: ast.AST, *, later: bool = False) -> Iterator[tuple[str, bool]]:
-    """Modules of mjhcmc that a file imports, and whether only when a function runs, but those for type checkers."""
+    """Modules of mjhcmc that a file imports, and whether only when a function runs, but those for type checkers.
+
+    A public name taken from the package (``from mjhcmc import hcmc``, ``mjhcmc.hcmc``) is one of its home.
+    """
     for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            yield from imported(ast.Module(node.orelse, []), later=later)
             continue
-        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "mjhcmc":
-            module = (node.module or "").partition(".")[2]
-            for name in node.names:
-                inner = f"{module}.{name.name}".lstrip(".")
-                yield (inner if inner in MODULES else module), later
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"a relative import: {ast.unparse(node)}"
+            if (node.module or "").split(".")[0] == "mjhcmc":
+                module = (node.module or "").partition(".")[2]
+                for name in node.names:
+                    inner = f"{module}.{name.name}".lstrip(".")
+                    yield (inner if inner in MODULES else module or _HOME.get(name.name, "")), later
         elif isinstance(node, ast.Import):
             for name in node.names:
                 if name.name.split(".")[0] == "mjhcmc":
                     yield name.name.partition(".")[2], later
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "mjhcmc":
+            yield _HOME.get(node.attr, ""), later
         inside = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
         yield from imported(node, later=later or inside)
 
@@ -117,8 +132,40 @@ def test_islands_import_only_errors_of_the_house(folder: str) -> None:
                 assert target.split(".")[0] in may, f"{module} imports {target}"
 
 
+def test_hill_needs_numpy_alone() -> None:
+    for path in sorted((PACKAGE / "hill").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [name.name for name in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            for name in names:
+                top = name.split(".")[0]
+                assert top in {"numpy", "mjhcmc"} | sys.stdlib_module_names, f"{path.name} imports {name}"
+
+
+def test_names_are_looked_up_where_that_is_a_modules_work() -> None:
+    """An import by a name that is put together escapes the tests above: few may."""
+    may = set(block("import_module")[0].split()[1:])
+    found = {
+        module or "mjhcmc" for module, path in MODULES.items()
+        if any(
+            isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in {"import_module", "__import__"}
+            for node in ast.walk(ast.parse(path.read_text()))
+        )
+    }  # fmt: skip
+    assert found == may
+
+
+def test_nothing_imports_in_a_circle_while_it_is_loaded() -> None:
+    needs = {
+        module: {name for name, later in imported(ast.parse(path.read_text())) if not later and name in MODULES}
+        for module, path in MODULES.items()
+    }
+    TopologicalSorter({module: found - {"", module} for module, found in needs.items()}).prepare()
+
+
 def test_files_stay_small() -> None:
-    large = {module: n for module, path in MODULES.items() if (n := len(path.read_text().splitlines())) > MOST_LINES}
+    files = [path for kind in ("*.py", "*.js", "*.css", "*.html") for path in PACKAGE.rglob(kind)]
+    large = {path.name: n for path in files if (n := len(path.read_text().splitlines())) > MOST_LINES}
     assert not large, f"more than {MOST_LINES} lines: {large}"
 
 
@@ -130,9 +177,17 @@ from mjhcmc.methods import hcmc
 import mjhcmc.plotting.panels
 if TYPE_CHECKING:
     from mjhcmc.solution import Solution
+else:
+    from mjhcmc import motion
 class Thing:
     def method(self):
-        from mjhcmc.io.tables import save_solution
+        from mjhcmc import Solution
+        return mjhcmc.check(1)
 """
     found = set(imported(ast.parse(text)))
-    assert found == {("methods.hcmc", False), ("plotting.panels", False), ("io.tables", True)}
+    assert found == {
+        ("methods.hcmc", False), ("plotting.panels", False), ("motion", False), ("solution", True),
+        ("model_check.check", True),
+    }  # fmt: skip
+    with pytest.raises(AssertionError, match="relative"):
+        list(imported(ast.parse("from .report import page")))
