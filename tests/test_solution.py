@@ -2,7 +2,9 @@
 
 import dataclasses
 import json
+import os
 import resource
+import stat
 from contextlib import contextmanager
 
 import numpy as np
@@ -423,3 +425,14 @@ def test_without_the_extra_the_remedy_is_named(tmp_path, solution, monkeypatch):
         with pytest.raises(mjhcmc.OutputError, match=r"pip install 'mjhcmc\[netcdf\]'"):
             act()
     assert [item.name for item in tmp_path.iterdir()] == ["walk.nc"]
+
+
+def test_no_device_and_no_folder_is_replaced_by_a_file(solution, tmp_path):
+    (tmp_path / "walk.parquet").mkdir()
+    with pytest.raises(mjhcmc.OutputError, match=r"walk\.parquet: cannot be written, it is a folder"):
+        solution.save(tmp_path / "walk.parquet")
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(mjhcmc.OutputError, match=r"pipe\.csv: cannot be written, it is no ordinary file"):
+        solution.save(tmp_path / "pipe.csv")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["pipe.csv", "walk.parquet"]
+    assert stat.S_ISFIFO((tmp_path / "pipe.csv").stat().st_mode)

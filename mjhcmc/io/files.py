@@ -21,6 +21,9 @@ def written_whole(path: Path) -> Iterator[Path]:
     try:
         if not path.parent.is_dir():
             raise OutputError(f"{path}: cannot be written, there is no folder {path.parent}: create it first")
+        if path.exists() and not path.is_file():  # a rename would put a file in place of a device
+            what = "a folder" if path.is_dir() else "no ordinary file"
+            raise OutputError(f"{path}: cannot be written, it is {what}: choose another name")
         yield temporary
         temporary.replace(path)
     except OSError as error:

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from io import BytesIO
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -224,7 +223,7 @@ def headline(solutions: Sequence[Solution]) -> str:
     """Method, model, motion and window of what is drawn; each once, those that a file did not keep left out."""
     methods = [str(s.settings["method"]) for s in solutions if "method" in s.settings]
     parts = [[_METHOD_TITLE.get(m, m) for m in methods]]
-    parts += [[Path(str(s.settings[k])).name for s in solutions if k in s.settings] for k in ("model", "motion")]
+    parts += [[str(s.settings[k]) for s in solutions if k in s.settings] for k in ("model", "motion")]
     parts.append([f"dt {1e3 * float(np.median(np.diff(s.time))):.4g} ms" for s in solutions if len(s.time) > 1])
     if any(s.interrupted for s in solutions):
         parts.append(["interrupted"])
