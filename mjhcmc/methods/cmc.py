@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjhcmc import dynamics
+from mjhcmc.checks import is_number
 from mjhcmc.emg_targets import EmgTargets
 from mjhcmc.errors import MjhcmcWarning, SettingsError
 from mjhcmc.external_loads import ExternalLoads
@@ -134,7 +135,7 @@ def _gains(kp: float | None, kv: float | None, dt: float) -> tuple[float, float]
     double integrator under a zero-order hold).
     """
     for name, value in (("kp", kp), ("kv", kv)):
-        if value is not None and not (_is_number(value) and 0 < value < np.inf):
+        if value is not None and not (is_number(value) and 0 < value < np.inf):
             raise SettingsError(f"{name} must be a positive number; got {value!r}")
     w = min(_FASTEST, _FASTEST_IN_WINDOWS / dt) if kp is None else float(np.sqrt(kp))
     position, velocity = float(w**2 if kp is None else kp), float(2 * w if kv is None else kv)
@@ -150,7 +151,7 @@ def _steps_ahead(look_ahead: float | None, windows: Windows) -> float:
     """The look-ahead, s, as a whole number of physics steps."""
     if look_ahead is None:
         return windows.dt
-    if not (_is_number(look_ahead) and 0 < look_ahead <= windows.motion.duration):
+    if not (is_number(look_ahead) and 0 < look_ahead <= windows.motion.duration):
         raise SettingsError(
             f"look_ahead must be positive and at most the motion's {windows.motion.duration:g} s; got {look_ahead!r}"
         )
@@ -162,10 +163,6 @@ def _steps_ahead(look_ahead: float | None, windows: Windows) -> float:
             stacklevel=3,
         )
     return max(1, round(look_ahead / windows.plant.physics_dt)) * windows.plant.physics_dt
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 @dataclass(frozen=True)
