@@ -150,7 +150,7 @@ def peaks() -> str:
 
 
 def figures(folder: Path) -> None:
-    solution = solve("fast", 0.005)
+    solution = solve("fast", 0.01)  # the paper's window, and the README's
     save_png(excitation_figure(solution), folder / "excitations.png")
     save_png(tracking_figure(solution), folder / "tracking.png")
 

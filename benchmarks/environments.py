@@ -8,7 +8,9 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +31,9 @@ OFF = (1, 3, 5)
 AFTER = (0.0, 0.1, 0.2, 0.3, 0.6)
 """s after a wrong start."""
 
+N_STIFF = 40
+"""Windows under muscles that are stiff."""
+
 _TIMED = 1.0  # s
 
 
@@ -36,7 +41,7 @@ def policies(task: TrackingTask, solution: mjhcmc.Solution) -> dict[str, Policy]
     rng, n = np.random.default_rng(0), task.model.n_muscle
     return {
         "HCMC, asked at each window": FeedbackExpert(task),
-        "HCMC's solution, open loop": Expert.of(solution),
+        "HCMC's solution, open loop": Expert.of(solution, task),
         "activation held": lambda node, state: state.activation,
         "no excitation": lambda node, state: np.zeros(n),
         "all muscles .1": lambda node, state: np.full(n, 0.1),
@@ -47,9 +52,9 @@ def policies(task: TrackingTask, solution: mjhcmc.Solution) -> dict[str, Policy]
 def earned(model: mjhcmc.MuscleModel) -> str:
     table: dict[str, list[str]] = {}
     for movement in ("slow", "fast"):
-        solution = mjhcmc.hcmc(model, mjhcmc.Motion.cosine(model, movement), DT, reserves=False)
         for choices in ({}, {"start": "random", "noise": np.deg2rad(NOISE)}):
             task = TrackingTask(model, movement, dt=DT, **choices)
+            solution = mjhcmc.hcmc(model, task.motion, DT, task.windows.physics_dt, reserves=False)
             for name, rows in returns(task, policies(task, solution), n=EPISODES if choices else 1).items():
                 table.setdefault(name, []).append(f"{100 * rows[:, 0].sum() / rows[:, 2].sum():.1f}")
     header = ("share of what there is, %", "slow", f"slow, {NOISE:g} deg off", "fast", f"fast, {NOISE:g} deg off")
@@ -85,28 +90,59 @@ def replayed(model: mjhcmc.MuscleModel) -> str:
     """How far an environment's tracking errors are from the solution's."""
     found = []
     for movement in ("slow", "fast"):
-        motion = mjhcmc.Motion.cosine(model, movement)
-        for reserves in (False, True):
-            solution = mjhcmc.hcmc(model, motion, DT, reserves=reserves)
-            errors = np.array(followed(Episodes(TrackingTask(model, motion, dt=DT)), Expert.of(solution), 0))
+        task = TrackingTask(model, movement, dt=DT)
+        own = task.windows.physics_dt
+        for reserves, step in ((False, own), (True, own), (False, 1e-3)):
+            solution = mjhcmc.hcmc(model, task.motion, DT, step, reserves=reserves)
+            errors = np.array(followed(Episodes(task), Expert.of(solution, task), 0))
             off = np.rad2deg(np.abs(errors - solution.tracking_error).max())
             found.append(
-                (movement, "on" if reserves else "off", digits(np.abs(solution.reserve).max(), 2), digits(off, 2))
-            )
-    return grid(("movement", "reserves in the solve", "largest, N m", "environment off the solution by, deg"), found)
+                (
+                    movement, "on" if reserves else "off", digits(1e3 * step, 3),
+                    digits(np.abs(solution.reserve).max(), 2), digits(off, 2),
+                )
+            )  # fmt: skip
+    header = (
+        "movement", "reserves in the solve", "its physics step, ms", "largest, N m",
+        "environment off the solution by, deg",
+    )  # fmt: skip
+    return grid(header, found)
+
+
+def stiff(model: mjhcmc.MuscleModel) -> str:
+    """How far off a leg is under steps of several lengths, against a tenth of the usual one."""
+    rng = np.random.default_rng(0)
+    ways = {
+        "all muscles fully active": np.ones((N_STIFF, model.n_muscle)),
+        "on or off at random": (rng.random((N_STIFF, model.n_muscle)) < 0.5).astype(np.float64),
+        "random excitation": rng.random((N_STIFF, model.n_muscle)),
+    }
+    own = TrackingTask(model, "slow", dt=DT).windows.physics_dt
+    steps = (1e-3, 5e-4, own)
+    rows = []
+    for name, actions in ways.items():
+        exact = moved(model, actions, 1e-4)
+        off = (np.rad2deg(np.abs(moved(model, actions, step) - exact).max()) for step in steps)
+        rows.append((name, *(digits(value, 2) for value in off)))
+    return grid(("leg off by, deg", *(f"{digits(1e3 * step, 3)} ms" for step in steps)), rows)
+
+
+def moved(model: mjhcmc.MuscleModel, actions: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """(n, nq) rad, where actions (n, n_muscle) lead."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mjhcmc.MjhcmcWarning)  # that is what is shown
+        task = TrackingTask(model, "slow", dt=DT, physics_dt=step, bound=np.inf)
+    episodes, found = Episodes(task), []
+    episodes.reset(np.random.default_rng(0))
+    for action in actions:
+        episodes.step(action)
+        found.append(episodes.state.qpos)
+    return np.array(found)
 
 
 def speed(model: mjhcmc.MuscleModel) -> str:
-    env, dm = TrackingEnv(model, "slow", dt=DT), tracking(model, "slow", DT)
-    task = env.task
+    task = TrackingTask(model, "slow", dt=DT)
     u = task.first(np.random.default_rng(0))[1].activation
-    dm.reset()
-
-    def with_gymnasium() -> None:
-        if env.node in (0, task.n_window):
-            env.reset(seed=0)
-        env.step(u)
-
     asked, episodes = FeedbackExpert(task), Episodes(task)
 
     def with_expert() -> None:
@@ -114,11 +150,27 @@ def speed(model: mjhcmc.MuscleModel) -> str:
             episodes.reset(np.random.default_rng(0))
         episodes.step(asked(episodes.node, episodes.state))
 
-    whats = {"Gymnasium": with_gymnasium, "dm_control": lambda: dm.step(u), "with HCMC's answer": with_expert}
-    steps = round(task.settings.dt / task.settings.physics_dt)
-    rates = {name: rate(what) for name, what in whats.items()}
-    rows = [(name, f"{round(per_s, -1):.0f}", f"{round(steps * per_s, -2):.0f}") for name, per_s in rates.items()]
-    return grid((f"leg8, windows of {1e3 * DT:g} ms", "windows a second", "physics steps a second"), rows)
+    whats: list[tuple[str, TrackingTask, Callable[[], object]]] = []
+    for integrator in ("rk4", "implicitfast"):
+        env, dm = (make(model, "slow", dt=DT, integrator=integrator) for make in (TrackingEnv, tracking))
+        dm.reset()
+        whats.append((f"Gymnasium, {integrator}", env.task, partial(stepped, env, u)))
+        whats.append((f"dm_control, {integrator}", env.task, partial(dm.step, u)))
+    whats.append(("with HCMC's answer, rk4", task, with_expert))
+    rows = []
+    for name, of, what in whats:
+        a_second, steps = rate(what), of.windows.n_step
+        rows.append((name, digits(1e3 * of.windows.physics_dt, 3), f"{round(a_second, -1):.0f}",
+                     f"{round(steps * a_second, -2):.0f}"))  # fmt: skip
+    header = f"leg8, windows of {1e3 * DT:g} ms", "physics step, ms", "windows a second", "physics steps a second"
+    return grid(header, rows)
+
+
+def stepped(env: TrackingEnv, u: NDArray[np.float64]) -> None:
+    """One window; at the motion's end from the beginning again."""
+    if env.node in (0, env.task.n_window):
+        env.reset(seed=0)
+    env.step(u)
 
 
 def rate(what: Callable[[], object]) -> float:
@@ -138,7 +190,8 @@ def markdown() -> str:
         f"are at random nodes, {EPISODES} episodes:\n\n{earned(model)}\n\n"
         f"The largest error of any joint, deg, over {EPISODES} wrong starts of `slow`, HCMC asked at each window:\n\n"
         f"{recovered(model)}\n\nA solution's excitations, played by the environment:\n\n{replayed(model)}\n\n"
-        f"One thread:\n\n{speed(model)}"
+        f"How the physics step counts, over {N_STIFF * DT:g} s of `slow`, against steps of 0.1 ms; the last is the one "
+        f"that is chosen:\n\n{stiff(model)}\n\nOne thread:\n\n{speed(model)}"
     )
 
 

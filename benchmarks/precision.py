@@ -3,7 +3,7 @@
     python benchmarks/precision.py [--write [DOCUMENT]]
 
 --write replaces the tables in docs/precision.md (or DOCUMENT) and draws precision.png beside it. Needs mpmath and
-python-flint (pip install 'mjhcmc[precision]').
+python-flint (pip install "mjhcmc[precision]").
 """
 
 from __future__ import annotations

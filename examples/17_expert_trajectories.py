@@ -17,7 +17,7 @@ try:
 
     import mjhcmc.environments.gym  # makes mjhcmc/Track-v0 known
 except (ImportError, mjhcmc.SettingsError):
-    sys.exit("this example needs Gymnasium: pip install 'mjhcmc[learn]'")
+    sys.exit('this example needs Gymnasium: pip install "mjhcmc[learn]"')
 
 folder = Path(tempfile.mkdtemp())
 model = mjhcmc.MuscleModel.load("leg8")

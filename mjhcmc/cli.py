@@ -81,7 +81,7 @@ def cli() -> None:
 
 
 @click.command()
-@click.option("--movement", default="fast", show_default=True, help="fast (the paper's) or slow.")
+@click.option("--movement", default="fast", show_default=True, metavar="fast|slow", help="fast is the paper's.")
 @click.option("--dt", default=0.01, show_default=True, help="Control window, s.")
 @click.option("--physics-dt", default=0.001, show_default=True, help="Largest physics step, s.")
 @MUSCLE

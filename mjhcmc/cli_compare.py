@@ -20,10 +20,16 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--movement", default="fast", show_default=True, help="fast or slow.")
-@click.option("--model", default="leg8", show_default=True, help="A shipped name or a path to an MJCF file.")
+@click.option("--movement", default="fast", show_default=True, metavar="fast|slow", help="A cosine movement.")
 @click.option(
-    "--curves", default="millard", show_default=True, help="millard, thelen, degroote-fregly, or mujoco (a check)."
+    "--model", default="leg8", show_default=True, metavar="MODEL", help="A shipped name or a path to an MJCF file."
+)
+@click.option(
+    "--curves",
+    default="millard",
+    show_default=True,
+    metavar="NAME",
+    help="millard, thelen, degroote-fregly, or mujoco (a check).",
 )
 @click.option("--step", default=0.001, show_default=True, help="Largest step of the compliant fibers' motion, s.")
 @click.option(

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from xml.etree import ElementTree
+
 import click
 from click.shell_completion import CompletionItem, get_completion_class
 
-from mjhcmc.assets import model_names
+from mjhcmc.assets import model_names, model_path
 
 SHELLS = ("bash", "zsh", "fish")
 
@@ -21,6 +24,9 @@ VALUES: dict[str, tuple[str, ...]] = {
     "side": ("right", "left"),
     "unit": ("deg", "rad"),
     "angles": ("joint", "segment"),
+    "joint": ("hip", "knee", "ankle"),
+    "target": ("rater_a", "ideal"),
+    "camera": ("side", "front", "top"),
 }
 """Values by the name of an option."""
 
@@ -59,14 +65,50 @@ class _Named(click.types.StringParamType):
         return found or ([CompletionItem(incomplete, type="file")] if self._or_file else [])
 
 
+class _Part(_Named):
+    """Names of muscles or joints of the model that was typed before; leg8's where none was."""
+
+    def __init__(self, path: str) -> None:
+        super().__init__(())
+        self._path = path
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Those that begin like this; none where the model is no MJCF file."""
+        named = str(ctx.params.get("model") or ("leg8_gait" if ctx.params.get("osim") else "leg8"))
+        path = model_path(named) or Path(named)
+        try:
+            found = ElementTree.parse(path).findall(self._path)
+        except (OSError, ElementTree.ParseError):
+            return []  # nothing to offer; solve itself says what is wrong with it
+        names = dict.fromkeys(each.get("name", "") for each in found)
+        return [CompletionItem(name) for name in names if name and name.startswith(incomplete)]
+
+
+class _Folder(click.Path):
+    """A folder, of which the library says whether it is fit."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Folders only."""
+        return [CompletionItem(incomplete, type="dir")]
+
+
+_JOINTS = ".//worldbody//joint"
+_PARTS = {"disable": "./actuator/*", "prescribe": _JOINTS, "track": _JOINTS, "free": _JOINTS}
+"""Where the names of an option's values are in an MJCF file."""
+
+
 def complete_values(command: click.Command) -> None:
     """Let the options of a command, and of those below it, complete their values."""
     for below in getattr(command, "commands", {}).values():
         complete_values(below)
     for parameter in command.params:
+        if isinstance(parameter.type, click.Path) and parameter.metavar in ("DIR", "[DIR]"):
+            parameter.type = _Folder(path_type=parameter.type.type)
         if parameter.type is not click.STRING:
             continue  # files, numbers and choices complete by themselves
         if parameter.name == "model":
             parameter.type = _Named(model_names(), or_file=True)
+        elif parameter.name in _PARTS:
+            parameter.type = _Part(_PARTS[parameter.name])
         elif parameter.name in VALUES:
             parameter.type = _Named(VALUES[parameter.name])

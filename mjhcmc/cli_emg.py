@@ -60,7 +60,7 @@ def emg_command(
     from mjhcmc.solution import Solution
 
     found = Solution.load(solution_file(solution))
-    measured, _ = _envelopes(emg, emg_map, found.muscle_names, raw, band, lowpass, shift)
+    measured, _ = envelopes_of(emg, emg_map, found.muscle_names, raw, band, lowpass, shift)
     result = compare_emg(found, measured, emg_map, delay=delay, threshold=threshold, start=start)
     files: list[str] = []
     if out is not None:
@@ -75,7 +75,7 @@ def emg_command(
     return 0
 
 
-def _envelopes(
+def envelopes_of(
     path: Path, emg_map: Path | None, muscles: tuple[str, ...], raw: bool | None, band: tuple[float, float] | None,
     lowpass: float, shift: float,
 ) -> tuple[Emg, bool]:  # fmt: skip
@@ -162,7 +162,7 @@ def targets_from(
     from mjhcmc.emg import LOWPASS_HZ
 
     mvc = None if emg_mvc is None else _read_mvc(emg_mvc)
-    measured, was_raw = _envelopes(emg, emg_map, muscles, None, None, LOWPASS_HZ, 0.0)
+    measured, was_raw = envelopes_of(emg, emg_map, muscles, None, None, LOWPASS_HZ, 0.0)
     if mvc is not None:
         measured = measured.normalised({name: mvc[name] for name in measured.channels if name in mvc})
     elif was_raw:

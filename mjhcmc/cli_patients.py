@@ -19,10 +19,17 @@ if TYPE_CHECKING:
 
 @click.group()
 def patients() -> None:
-    """Virtual patients with spasticity: datasets of clinical tests."""
+    """Virtual patients with spasticity: datasets of clinical tests.
+
+    \b
+    Examples:
+      mjhcmc patients generate --n 6 --out cohort    draw patients, take them through the tests
+      mjhcmc patients show cohort --patient 2        look at one of them
+      mjhcmc patients grade cohort                   learn grades from it; 60 patients or more
+    """
 
 
-@patients.command()
+@patients.command(short_help="simulate patients into a dataset")
 @click.option("--n", "number", type=click.IntRange(min=1), required=True, help="Patients.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of all patients.")
 @click.option("--out", type=FILE, metavar="DIR", required=True, help="Folder of the dataset; begun there, it goes on.")
@@ -86,10 +93,12 @@ def generate(
     return 0
 
 
-@patients.command("grade")
+@patients.command("grade", short_help="learn grades from a dataset, and search it for leaks")
 @click.argument("folder", type=FILE, metavar="DIR")
-@click.option("--joint", metavar="NAME", help="Grade only hip, knee or ankle; every joint by default.")
-@click.option("--target", default="rater_a", show_default=True, help="Whose grades are learned: rater_a or ideal.")
+@click.option("--joint", metavar="hip|knee|ankle", help="Grade only this one; every joint by default.")
+@click.option(
+    "--target", default="rater_a", show_default=True, metavar="rater_a|ideal", help="Whose grades are learned."
+)
 @click.option("--out", type=FILE, metavar="DIR", help="Folder for grade.json and the figure; none by default.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 @QUIET
@@ -113,7 +122,7 @@ def grade(
     return grade_command(folder, as_json, quiet, joint=joint, target=target, out=out)
 
 
-@patients.command("show")
+@patients.command("show", short_help="look at a dataset, or at one patient")
 @click.argument("folder", type=FILE, metavar="[DIR]", required=False)
 @click.option("--patient", "patient", type=int, metavar="I", help="Index of one patient; all of them by default.")
 @click.option("--seed", type=click.IntRange(min=0), help="Without DIR: draw and simulate a patient of this seed ...")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _NAME = "report.html"
 
 
-@click.command("report", epilog="Example: mjhcmc report mjhcmc-solve --with static --out walk.html")
+@click.command("report")
 @click.argument("solution", type=FILE)
 @click.option("--model", metavar="M", help="The model that was driven; by default what run.json tells.")
 @click.option("--with", "beside", type=FILE, multiple=True, metavar="OTHER", help="Another solution, drawn dashed.")
@@ -51,6 +51,12 @@ def report_command(
 
     The page needs no network and no other file: verdict in words, replay, excitations and activations (beside EMG and
     other solutions), angles, moments with what each muscle adds, fibers, model and run.
+
+    \b
+    Examples:
+      mjhcmc report walk
+      mjhcmc report walk --with static --out compared.html
+      mjhcmc report walk --emg trial.csv --emg-map channels.csv
     """
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)
@@ -92,10 +98,10 @@ def _compared(
     solution: Solution, emg: Path, emg_map: Path | None, raw: bool | None, band: tuple[float, float] | None,
     lowpass: float, shift: float, settings: dict[str, object],
 ) -> EmgComparison:  # fmt: skip
-    from mjhcmc.cli_emg import _envelopes
+    from mjhcmc.cli_emg import envelopes_of
     from mjhcmc.emg_comparison import compare_emg
 
-    envelopes, _ = _envelopes(emg, emg_map, solution.muscle_names, raw, band, lowpass, shift)
+    envelopes, _ = envelopes_of(emg, emg_map, solution.muscle_names, raw, band, lowpass, shift)
     return compare_emg(solution, envelopes, emg_map, **settings)  # type: ignore[arg-type]
 
 

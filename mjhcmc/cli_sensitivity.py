@@ -34,7 +34,9 @@ if TYPE_CHECKING:
 @click.command("sensitivity")
 @click.argument("motion", type=FILE, required=False, metavar="[MOTION]")
 @click.option("--movement", metavar="fast|slow", help="A cosine movement, without MOTION; fast.")
-@click.option("--model", default="leg8", show_default=True, help="A shipped name or a path to an MJCF file.")
+@click.option(
+    "--model", default="leg8", show_default=True, metavar="MODEL", help="A shipped name or a path to an MJCF file."
+)
 @click.option("--dt", default=0.01, show_default=True, help="Control window, s.")
 @click.option("--physics-dt", default=0.001, show_default=True, help="Largest physics step, s.")
 @click.option("--lowpass", type=float, metavar="HZ", help="Zero-phase low-pass filter of MOTION's angles.")

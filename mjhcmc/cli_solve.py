@@ -58,7 +58,7 @@ _MODEL = "leg8"
 @click.option("--free", multiple=True, metavar="JOINT", help="Let this joint go as it will; may be repeated.")
 @MUSCLE
 @CURVES
-@click.option("--method", default="hcmc", show_default=True, help=f"One of: {', '.join(METHODS)}.")
+@click.option("--method", default="hcmc", show_default=True, metavar="|".join(METHODS), help="What finds excitations.")
 @click.option("--dt", default=0.01, show_default=True, help="Control window, s: excitation is constant over it.")
 @click.option("--physics-dt", default=0.001, show_default=True, help="Largest physics step, s.")
 @click.option(
@@ -84,8 +84,14 @@ _MODEL = "leg8"
 @click.option("--weights", type=FILE, metavar="FILE", help='JSON: {"muscle": weight}; more: does less.')
 @click.option("--smoothness", type=float, metavar="W", help="Weight of changes of activation beside the cost.")
 @click.option("--min-activation", type=float, metavar="A", help="Least activation of every muscle.")
-@click.option("--disable", multiple=True, metavar="MUSCLE", help="Keep a muscle switched off; may be repeated.")
-@click.option("--solver", default="newton", show_default=True, help="newton, or a qpsolvers back end (daqp, osqp ...).")
+@click.option("--disable", multiple=True, metavar="MUSCLE", help="Keep this muscle silent; may be repeated.")
+@click.option(
+    "--solver",
+    default="newton",
+    show_default=True,
+    metavar="NAME",
+    help="newton, or a qpsolvers back end (daqp, osqp ...).",
+)
 @emg_options
 @click.option("--no-figures", is_flag=True, help="Write no figures, which take longer than most solves.")
 @click.option("--opensim", is_flag=True, help="Write controls and states for OpenSim, too.")

@@ -34,7 +34,7 @@ _OF_WHICH = {
 """Which options belong to which ways of looking."""
 
 
-@click.command("view", epilog="Example: mjhcmc view mjhcmc-solve --video walk.mp4 --speed .25")
+@click.command("view")
 @click.argument("solution", type=FILE)
 @click.option("--model", metavar="M", help="The model that was driven; by default what run.json tells.")
 @click.option("--browser", is_flag=True, help="On a page in the browser (extra view).")
@@ -61,6 +61,13 @@ def view_command(
 
     In MuJoCo's window; with --browser on a page; with --video or --image in a file, for which no display is needed.
     In the window space pauses, arrows step, [ and ] change the speed, and the panel Control has a slider of time.
+
+    \b
+    Examples:
+      mjhcmc view walk
+      mjhcmc view walk --browser
+      mjhcmc view walk --video walk.mp4 --speed .25
+      mjhcmc view walk --image walk.png --at 1.25 --camera side
     """
     if quiet:
         warnings.simplefilter("ignore", MjhcmcWarning)

@@ -1,4 +1,4 @@
-"""OpenSim's own results on the cosine movements, where their tables are at hand: to compare with.
+"""OpenSim's own results on the cosine movements, shipped in the folder `reference`: to compare with.
 
 A table is a .csv with a column time (s), q_<joint> in DEGREES, u_<muscle> excitations and a_<muscle> activations, the
 muscles under OpenSim's names. ``cmc`` is computed muscle control, ``so`` static optimization; ``_a`` the slow, ``_b``
@@ -18,8 +18,11 @@ from mjhcmc.errors import MotionError, SettingsError
 from mjhcmc.io.csv_table import read_csv
 from mjhcmc.model import MuscleModel
 
+SHIPPED = Path(__file__).resolve().parent / "reference"
+"""The tables, with their origin and licence in a README.md."""
+
 REFERENCE_FOLDER = Path("shared") / "reference" / "opensim_cmc"
-"""Where the tables are, seen from the folder that holds the checkout."""
+"""What the tables were made from, seen from the folder that holds the checkout: not shipped."""
 
 CMC_FLOOR = 0.02
 """The least activation in CMC's results."""
@@ -56,10 +59,10 @@ class OpenSimRun:
 
 
 def find_reference() -> Path | None:
-    """The folder of OpenSim's tables, None where there is none.
+    """The folder beside OpenSim's model of the leg and its inverse dynamics, None where there is none.
 
-    It is looked for beside the checkout that the package runs from; where it does not run from a checkout, beside the
-    current folder.
+    Benchmarks need it; `read_reference` does not. It is looked for beside the checkout that the package runs from;
+    where it does not run from a checkout, beside the current folder.
     """
     root = Path(__file__).resolve().parents[1]
     beside = root if (root / "pyproject.toml").is_file() else Path.cwd()
@@ -70,13 +73,13 @@ def find_reference() -> Path | None:
 def read_reference(
     model: MuscleModel, movement: str, method: str = "cmc", folder: str | Path | None = None
 ) -> OpenSimRun | None:
-    """OpenSim's result on a cosine movement, None where its table is not at hand.
+    """OpenSim's result on a cosine movement, None where the folder has no such table.
 
     Args:
         model: whose joints and muscles the table's columns are matched with.
         movement: ``"slow"`` or ``"fast"``.
         method: ``"cmc"`` or ``"static"``.
-        folder: of the tables; by default `find_reference`.
+        folder: of the tables; by default those that are shipped.
 
     Raises:
         SettingsError: an unknown movement or method.
@@ -85,10 +88,7 @@ def read_reference(
     for what, value, valid in (("movement", movement, _MOVEMENTS), ("method", method, _METHODS)):
         if value not in valid:
             raise SettingsError(f"OpenSim's results: no {what} {value!r}: choose one of {', '.join(valid)}")
-    place = find_reference() if folder is None else Path(folder)
-    if place is None:
-        return None
-    path = place / f"{_METHODS[method]}_{_MOVEMENTS[movement]}.csv"
+    path = (SHIPPED if folder is None else Path(folder)) / f"{_METHODS[method]}_{_MOVEMENTS[movement]}.csv"
     return read_run(path, model) if path.exists() else None
 
 

@@ -102,7 +102,7 @@ def _trials() -> Iterator[AllocationProblem]:
 
 def _how_to_install(solver: str) -> str:
     if solver in (metadata("qpsolvers").get_all("Provides-Extra") or []):
-        return f"pip install 'qpsolvers[{solver}]'"
+        return f'pip install "qpsolvers[{solver}]"'
     return "qpsolvers names no package that has it, see its documentation"
 
 

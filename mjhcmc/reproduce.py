@@ -22,7 +22,7 @@ from mjhcmc.model import MuscleModel
 from mjhcmc.motion import Motion
 from mjhcmc.muscle_choice import plant_for
 from mjhcmc.notices import each_notice_once
-from mjhcmc.opensim_reference import CMC_FLOOR, INITIALISATION, OpenSimRun, find_reference, read_reference
+from mjhcmc.opensim_reference import CMC_FLOOR, INITIALISATION, OpenSimRun, read_reference
 from mjhcmc.paper import PAPER
 from mjhcmc.plant import MujocoPlant
 from mjhcmc.solution import Solution
@@ -40,7 +40,7 @@ class Reproduction:
         solutions: by method.
         solve_time: s by method, wall median of five calls after a first.
         bare_step_time: s, MuJoCo alone over the same physics steps, in the same process.
-        opensim: OpenSim's own CMC of the movement, where its results were found.
+        opensim: OpenSim's own CMC of the movement.
         muscle: what drove the leg, see `muscle_choice.MUSCLES`.
         curves: of Hill muscles.
     """
@@ -220,7 +220,7 @@ def reproduce(
                 times[name] = _median_time(partial(method, model, motion, dt=dt, physics_dt=physics_dt, plant=plant))
     except SolveInterrupted as stop:
         raise SolveInterrupted([solutions.get("hcmc", stop.solution)]) from stop
-    opensim = None if find_reference() is None else read_reference(model, movement)
+    opensim = read_reference(model, movement)
     return Reproduction(movement, solutions, times, bare_step_time(solutions["hcmc"]), opensim, muscle, curves)
 
 

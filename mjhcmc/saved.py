@@ -111,7 +111,9 @@ def _load(solution: Solution, source: str | Path | MuscleModel) -> MuscleModel:
 
 def _knows_model(run: dict[str, Any]) -> bool:
     told = run.get("model")
-    return isinstance(told, dict) and {"source", "shipped_name", "path", "sha256", "compiled_sha256"} <= set(told)
+    if not isinstance(told, dict) or not {"source", "shipped_name", "path", "sha256", "compiled_sha256"} <= set(told):
+        return False
+    return isinstance(told["shipped_name" if told["source"] == "shipped" else "path"], str)
 
 
 def _of_run(solution: Solution, told: dict[str, Any], file: Path, run: dict[str, Any]) -> Solution:

@@ -325,6 +325,17 @@ class Solution:
 
         return to_xarray(self)
 
+    def __repr__(self) -> str:
+        """One line: what was solved, and the verdict where it is known already (it takes a replay to find)."""
+        verdict = self.stored_verdict or vars(self).get("verdict")
+        judged = "" if verdict is None else f", verdict {'holds' if verdict.passed else 'FAILS'}"
+        n = len(self.time) - 1
+        return (
+            f"Solution({self.settings.get('method', '?')}, {n} windows from {self.time[0]:g} to {self.time[-1]:g} s, "
+            f"{len(self.muscle_names)} muscles, {len(self.dof_names)} degrees of freedom"
+            f"{', interrupted' if self.interrupted else ''}{judged})"
+        )
+
     def __post_init__(self) -> None:
         """Check that the arrays fit together, and make them read-only."""
         if not self.residual.size:

@@ -80,6 +80,15 @@ class Verdict:
     physics_dt: float | None = None
     integrator_error: tuple[float, ...] | None = None
 
+    def __repr__(self) -> str:
+        """One line; `findings` say more."""
+        share, name = max(zip(self.peak_reserve_share, self.dof_names, strict=True), default=(0.0, "no joint"))
+        found = f", {len(self.findings)} findings" if self.findings else ""
+        return (
+            f"Verdict({'holds' if self.passed else 'FAILS'}: peak reserve at most "
+            f"{100 * share:.2g} % of the joint's peak moment ({name}){found})"
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON; angles in rad, as the names of the attributes say."""
         return asdict(self)
@@ -139,9 +148,10 @@ def _findings(
     scale = moment_scale(solution.net_joint_moment)
     for j, name in enumerate(solution.dof_names):
         unit = "N m" if solution.dof_is_rotation[j] else "N"
-        verb = "exceeds" if share[j] > MAX_RESERVE_SHARE else "is within"
+        limit_words = f"{100 * MAX_RESERVE_SHARE:g} %"
+        verb = f"exceeds {limit_words}" if share[j] > MAX_RESERVE_SHARE else f"is within {limit_words}: a note"
         for what, values, against in (
-            ("reserve", solution.reserve, f" ({verb} {100 * MAX_RESERVE_SHARE:g} %)"),
+            ("reserve", solution.reserve, f" ({verb})"),
             ("unmet moment", solution.shortfall - solution.reserve, ""),
         ):
             k = int(np.argmax(np.abs(values[:, j])))
@@ -192,14 +202,14 @@ def _why(solution: Solution, j: int, k: int, lacking: float) -> str:
         return (
             f"no strength: all muscles together have {most:.2g} {unit} that way there"
             + (f"; at full excitation: {_some(full)}" if full.size else "")
-            + (f"; switched off: {_some(off)}" if off.size else "")
+            + (f"; silent: {_some(off)}" if off.size else "")
         )
     full = names[helps & (u >= _SATURATED * top)]
     if full.size:
         return f"at full excitation: {_some(full)}"
     off = names[helps & (u <= 1 - _SATURATED)]
     return "no muscle at full excitation: what it takes, one-way muscles cannot give without moving other joints" + (
-        f"; switched off: {_some(off)}" if off.size else ""
+        f"; silent: {_some(off)}" if off.size else ""
     )
 
 

@@ -152,8 +152,8 @@ def test_a_back_end_that_raises_is_no_traceback(monkeypatch):
 def test_names_that_qpsolvers_does_not_tell_how_to_install(monkeypatch):
     monkeypatch.setattr(qpsolvers, "available_solvers", ["daqp"])
     for name, remedy in (
-        ("proxqp", r"pip install 'qpsolvers\[proxqp\]'"),
-        ("cvxopt", r"pip install 'qpsolvers\[cvxopt\]'"),
+        ("proxqp", r'pip install "qpsolvers\[proxqp\]"'),
+        ("cvxopt", r'pip install "qpsolvers\[cvxopt\]"'),
         ("hpipm", "qpsolvers names no package that has it, see its documentation"),
     ):
         with pytest.raises(SettingsError, match=rf"'{name}' is not installed: {remedy}; or choose newton, daqp$"):
@@ -177,7 +177,7 @@ def test_what_is_offered_can_be_installed_and_agrees(monkeypatch):
     offered = str(refusal.value).rpartition(": ")[2].split(", ")
     assert {"quadprog", "osqp", "piqp", "clarabel"} <= set(offered) <= set(BACK_ENDS) - {"daqp"}
     for name in offered:
-        with pytest.raises(SettingsError, match=rf"is not installed: pip install 'qpsolvers\[{name}\]'; or choose"):
+        with pytest.raises(SettingsError, match=rf'is not installed: pip install "qpsolvers\[{name}\]"; or choose'):
             qp_back_ends.check_solver(name)
 
 

@@ -206,7 +206,7 @@ def test_markers_that_cannot_be_used(tmp_path, points, change, message):
 def test_without_the_package_the_remedy_is_named(tmp_path, points, monkeypatch):
     path = write_c3d(tmp_path / "a.c3d", points, ["a", "b", "c"])
     monkeypatch.setitem(__import__("sys").modules, "ezc3d", None)
-    with pytest.raises(MotionError, match=r"a\.c3d: ezc3d, .* is not installed: pip install 'mjhcmc\[c3d\]'"):
+    with pytest.raises(MotionError, match=r'a\.c3d: ezc3d, .* is not installed: pip install "mjhcmc\[c3d\]"'):
         read_c3d(path)
 
 

@@ -30,6 +30,8 @@ def test_eight_strengths_from_what_hcmc_gives_by_itself(model):
     found = mjhcmc.calibrate(model, motion, mjhcmc.hcmc(patient, motion).excitation)
     assert found.converged
     assert found.identified.all()
+    assert repr(found).startswith("Calibration(8 parameters, 8 of them identified, residual ")
+    assert repr(found).endswith(" evaluations, converged)")
     assert np.abs(found.values / (factors * found.start) - 1).max() < 0.02
     assert found.model.max_isometric_force == pytest.approx(found.values)
 

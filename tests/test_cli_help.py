@@ -64,9 +64,12 @@ def test_help_loads_nothing_heavy():
     assert done.stderr.strip() == "[]"
 
 
-def test_every_command_has_a_whole_line(run):
-    listed = run("--help").out.partition("Commands:")[2].partition("Examples:")[0]
-    for name in cli.commands:
+@pytest.mark.parametrize("group", [(), ("patients",)], ids=str)
+def test_every_command_has_a_whole_line(run, group):
+    text = run(*group, "--help").out
+    assert "Examples:" in text
+    listed = text.partition("Commands:")[2].partition("Examples:")[0]
+    for name in (cli.commands["patients"] if group else cli).commands:
         line = next(line for line in listed.splitlines() if line.split()[:1] == [name])
         assert len(line.split()) > 2
         assert not line.endswith("...")
@@ -136,6 +139,35 @@ def test_files_complete():
     assert offered("solve", "wal") == [("file", "wal")]
     assert offered("solve", "walk.mot", "--osim", "") == [("file", "")]
     assert offered("solve", "--model", "./arm") == [("file", "./arm")]  # no shipped name begins like this
+
+
+def test_parts_of_the_model_complete(tmp_path):
+    assert plain("solve", "--disable", "gl") == {"glut_max"}
+    assert plain("solve", "--track", "") == {"hip", "knee", "ankle"}
+    assert "pelvis_tx" in plain("solve", "--osim", "subject.osim", "--prescribe", "")
+    arm = tmp_path / "arm.xml"
+    arm.write_text(
+        "<mujoco><default><joint damping='1'/></default><worldbody><body><joint name='elbow'/></body></worldbody>"
+        "<actuator><muscle name='biceps'/><muscle name='triceps'/></actuator></mujoco>"
+    )
+    assert plain("solve", "--model", str(arm), "--disable", "") == {"biceps", "triceps"}
+    assert plain("solve", "--model", str(arm), "--free", "") == {"elbow"}
+    for nothing in ("<mujoco>", "no model"):
+        arm.write_text(nothing)
+        assert plain("solve", "--model", str(arm), "--disable", "") == set()
+    assert plain("view", "out", "--camera", "t") == {"top"}
+
+
+def test_folders_complete_as_folders():
+    for words in (("solve", "a.mot", "--out"), ("reproduce", "--out"), ("patients", "show")):
+        assert offered(*words, "wal") == [("dir", "wal")]
+
+
+def test_where_there_are_choices_help_does_not_say_text():
+    for words, command in COMMANDS.items():
+        for option in command.params:
+            if isinstance(option, click.Option) and option.name in {"model", *VALUES}:
+                assert option.metavar, f"{' '.join(words)} --{option.name}"
 
 
 def test_values_are_those_of_the_library():

@@ -78,5 +78,5 @@ def test_a_dead_address_is_named(tmp_path, monkeypatch, address):
 
 def test_without_dask_the_remedy_is_told(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
-    with pytest.raises(mjhcmc.SettingsError, match=r"pip install 'mjhcmc\[cluster\]'"):
+    with pytest.raises(mjhcmc.SettingsError, match=r'pip install "mjhcmc\[cluster\]"'):
         generate(configuration(), tmp_path / "data", cluster="tcp://x:1", simulate=dataset_tools.simulate)

@@ -119,6 +119,31 @@ def test_what_is_needed_is_read_from_the_metadata_too(monkeypatch, tmp_path):
     assert [each.name for each in installed.core] == plain
 
 
+def test_what_an_extra_of_a_package_would_have_brought_is_missed(monkeypatch):
+    """imageio without its encoder writes no .mp4."""
+    monkeypatch.setattr(packages, "version", lambda name: {"imageio": "2.37"}.get(name) or _no_package(name))
+    monkeypatch.setattr(
+        packages, "requires", lambda name: ['no-such-encoder; extra == "ffmpeg"', 'other; extra == "o"']
+    )
+    found = packages.look_up(Requirement("imageio[ffmpeg]>=2"), 'pip install "mjhcmc[view]"')
+    assert (found.version, found.problem) == ("2.37", "2.37 without no-such-encoder")
+    assert found.remedy == 'pip install "mjhcmc[view]"'
+    assert packages.look_up(Requirement("imageio>=2")).problem is None
+
+
+def _no_package(name):
+    raise packages.PackageNotFoundError(name)
+
+
+def test_who_has_one_package_of_the_tests_does_not_work_on_mjhcmc(monkeypatch):
+    extras = {
+        "test": (Requirement("click"), Requirement("no-such-a"), Requirement("no-such-b")),
+        "lint": (Requirement("click"), Requirement("tqdm"), Requirement("no-such-c")),
+    }
+    monkeypatch.setattr(packages, "read_requirements", lambda: packages.Requirements("", (), extras, "installed"))
+    assert list(examine._packages(False)[2]) == ["lint"]
+
+
 def test_every_import_of_an_extra_is_known():
     """Modules that are named otherwise than their packages would be told as broken."""
     core = [packages.module_of(each.name) for each in packages.read_requirements().core]
@@ -216,6 +241,22 @@ def test_a_picture_that_is_not_drawn_says_why(monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     if sys.platform.startswith("linux"):
         assert pictures.screen() is None
+
+
+def test_a_gl_back_end_that_mujoco_refuses_is_one_problem(run, monkeypatch):
+    """Neither MuJoCo nor the solve is broken: both are tried without it."""
+    monkeypatch.setenv("MUJOCO_GL", "foo")
+    asked = packages.Requirements(">=2.7", (Requirement("mujoco"),), {}, "checkout")
+    monkeypatch.setattr(packages, "read_requirements", lambda: asked)
+    monkeypatch.setattr(pictures, "start", dict)
+    found = examine.examine()
+    assert (found.needed[0].problem, found.solve.problem) == (None, None)
+    (problem,) = found.problems
+    assert problem.startswith("MUJOCO_GL=foo: MuJoCo cannot be imported with it (")
+    assert problem.endswith(": unset MUJOCO_GL")
+    assert pictures.asked_problem(Said(), "egl").endswith("(it fell): unset MUJOCO_GL, or export MUJOCO_GL=egl")
+    monkeypatch.delenv("MUJOCO_GL")
+    assert pictures.start_asked() is None
 
 
 # --- on the screen --------------------------------------------------------------------------------------------------

@@ -57,7 +57,7 @@ def test_rows_of_what_is_missing_stay_with_their_remedy(run, bare):
         missing = [line for line in lines if line.startswith(f"{engine.title:<12} not installed: ")]
         assert len(missing) == (engine.key != "mujoco")
         assert all(engine.install in line and len(line) > 40 for line in missing)
-    assert lines[-1] == "no other engine is installed: nothing was compared"
+    assert lines[-1] == 'no other engine is installed: nothing was compared: pip install "mjhcmc[engines]"'
     assert outcome.err == "MuJoCo ...\n"
 
 
@@ -192,6 +192,8 @@ def test_an_engine_that_fails_says_so_in_a_line_and_the_others_run(run, bare, pl
     [
         (("--only", "havok"), ("no engine 'havok'", "mujoco, dojo, brax")),
         (("--only", "drake,"), ("no engine ''",)),
+        (("--only", "mujoco,drake"), ("--only drake: ", "'pydrake' is not installed", 'pip install "drake')),
+        (("--only", "raisim"), ("--only raisim: ",)),
         (("--states", "0"), ("--states", "0 is not in the range x>=1")),
         (("--seed", "-1"), ("--seed", "-1 is not in the range x>=0")),
         (("--urdf", "leg.urdf", "--model", "nothing"), ("no model 'nothing'", "oblique")),

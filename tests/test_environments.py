@@ -1,6 +1,7 @@
 """The task, and both libraries' environments of it: their interfaces, and that they step what the methods step."""
 
 import io
+import os
 import re
 import sys
 import warnings
@@ -25,8 +26,8 @@ DT = 0.01
 
 @pytest.fixture(scope="module")
 def bare(leg8, fast):
-    """The fast movement by the muscles alone."""
-    return mjhcmc.hcmc(leg8, fast, DT, reserves=False)
+    """The fast movement by the muscles alone, at the environments' physics step."""
+    return mjhcmc.hcmc(leg8, fast, DT, TrackingTask(leg8, fast).settings.physics_dt, reserves=False)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,8 @@ def gait():
 
 
 def played_by_gym(env, policy):
-    """(N+1, nz) rad tracking errors of an episode, and what it earned."""
+    """(N+1, nz) rad tracking errors of an episode, and what it earned; a solution plays its excitations."""
+    policy = Expert.of(policy, env.task) if isinstance(policy, mjhcmc.Solution) else policy
     _, info = env.reset(seed=0)
     errors, earned, over = [info["tracking_error"]], 0.0, False
     while not over:
@@ -55,6 +57,7 @@ def played_by_gym(env, policy):
 def played_by_dm(env, policy):
     """The same."""
     step, own = env.reset(), env.task
+    policy = Expert.of(policy, own.task) if isinstance(policy, mjhcmc.Solution) else policy
     errors, earned = [own.task.tracking_error(0, own.state(env.physics))], 0.0
     while not step.last():
         step = env.step(policy(own.node, own.state(env.physics)))
@@ -73,13 +76,20 @@ def test_gymnasium_finds_nothing_to_complain_of():
             check_env(env.unwrapped, skip_render_check=True)
 
 
-def test_pictures(leg8):
-    env = TrackingEnv(leg8, "fast", render_mode="rgb_array", width=64, height=48)
-    env.reset(seed=0)
+def test_pictures(leg8, monkeypatch):
+    """Also where MUJOCO_GL is not set and MuJoCo has been imported: wherever anything can draw."""
+    from mjhcmc.offscreen import gl_back_end
+
+    if os.environ.get("MUJOCO_GL") in ("egl", "osmesa"):
+        monkeypatch.delenv("MUJOCO_GL")
     try:
-        before = env.render()
+        gl_back_end()
     except MjhcmcError as error:
         pytest.skip(str(error))
+    env = TrackingEnv(leg8, "fast", render_mode="rgb_array", width=64, height=48, dt=0.02)
+    assert env.metadata["render_fps"] == 50
+    env.reset(seed=0)
+    before = env.render()
     assert before.shape == (48, 64, 3)
     assert before.dtype == np.uint8
     state = env.state
@@ -87,7 +97,7 @@ def test_pictures(leg8):
         env.step(np.zeros(8))
         after = env.render()
     assert np.any(after != before)  # the leg has fallen
-    unseen = TrackingEnv(leg8, "fast")
+    unseen = TrackingEnv(leg8, "fast", dt=0.02)
     unseen.reset(seed=0)
     for _ in range(10):
         unseen.step(np.zeros(8))
@@ -163,7 +173,7 @@ def test_dm_env_finds_nothing_to_complain_of(leg8):
 
 
 def test_solutions_played_by_gymnasium_are_themselves(leg8, fast, bare):
-    errors, earned = played_by_gym(TrackingEnv(leg8, fast), Expert.of(bare))
+    errors, earned = played_by_gym(TrackingEnv(leg8, fast), bare)
     np.testing.assert_array_equal(errors, bare.tracking_error)
     tracking = np.exp(-(bare.tracking_error[1:] ** 2).mean(axis=1) / np.deg2rad(5) ** 2)
     effort = (bare.activation[1:] ** 2).mean(axis=1)
@@ -173,14 +183,18 @@ def test_solutions_played_by_gymnasium_are_themselves(leg8, fast, bare):
 @needs_dm
 @pytest.mark.parametrize("integrator", ["rk4", "euler", "implicitfast"])
 def test_solutions_played_by_dm_control_are_themselves(integrator, leg8, fast):
-    solution = mjhcmc.hcmc(leg8, fast, DT, reserves=False, integrator=integrator)
-    errors, _ = played_by_dm(dm.tracking(leg8, fast, DT, integrator=integrator), Expert.of(solution))
+    env = dm.tracking(leg8, fast, DT, integrator=integrator)
+    step = env.task.task.settings.physics_dt
+    solution = mjhcmc.hcmc(leg8, fast, DT, step, reserves=False, integrator=integrator)
+    errors, _ = played_by_dm(env, solution)
     np.testing.assert_array_equal(errors, solution.tracking_error)
 
 
-def test_reserves_that_are_left_out_are_the_only_difference(leg8, fast, fast_solution):
+def test_reserves_that_are_left_out_are_the_only_difference(leg8, fast):
     """Of leg8 reserves are so small that what they held back is, too."""
-    errors, _ = played_by_gym(TrackingEnv(leg8, fast), Expert.of(fast_solution))
+    env = TrackingEnv(leg8, fast)
+    fast_solution = mjhcmc.hcmc(leg8, fast, DT, env.task.settings.physics_dt)
+    errors, _ = played_by_gym(env, fast_solution)
     off = np.abs(errors - fast_solution.tracking_error).max()
     assert 0 < off < 1e-5
     assert np.abs(fast_solution.reserve).max() < 1e-3
@@ -189,15 +203,17 @@ def test_reserves_that_are_left_out_are_the_only_difference(leg8, fast, fast_sol
 def test_led_and_loaded_legs(gait):
     """A pelvis that is prescribed and a force at the foot act in the environments as in the solve."""
     model, motion, loads = gait
-    solution = mjhcmc.hcmc(model, motion, DT, reserves=False, loads=loads)
+    env = TrackingEnv(model, motion, dt=DT, loads=loads)
+    solution = mjhcmc.hcmc(model, motion, DT, env.task.settings.physics_dt, reserves=False, loads=loads)
     tracked = model.roles.tracked
-    errors, _ = played_by_gym(TrackingEnv(model, motion, dt=DT, loads=loads), Expert.of(solution))
+    errors, _ = played_by_gym(env, solution)
     np.testing.assert_array_equal(errors, solution.tracking_error[:, tracked])
-    without, _ = played_by_gym(TrackingEnv(model, motion, dt=DT), Expert.of(solution))
+    without, _ = played_by_gym(TrackingEnv(model, motion, dt=DT), solution)
     length = min(len(errors), len(without))
     assert np.abs(without[:length] - errors[:length]).max() > np.deg2rad(5)
     if dm is not None:
-        errors, _ = played_by_dm(dm.tracking(model, motion, DT, loads=loads), Expert.of(solution))
+        led = dm.tracking(model, motion, DT, loads=loads)
+        errors, _ = played_by_dm(led, solution)
         np.testing.assert_array_equal(errors, solution.tracking_error[:, tracked])
 
 
@@ -205,11 +221,13 @@ def test_led_and_loaded_legs(gait):
 def test_models_of_others():
     model = mjhcmc.MuscleModel.load(myo_model("myoelbow"))
     motion = mjhcmc.Motion.cosine(model, amplitudes={"r_elbow_flex": np.deg2rad(40)}, period=0.4, cycles=1)
+    env = TrackingEnv(model, motion)
+    assert env.task.settings.physics_dt == 1e-3  # its muscles are soft enough
     solution = mjhcmc.hcmc(model, motion, DT, reserves=False)
-    errors, _ = played_by_gym(TrackingEnv(model, motion), Expert.of(solution))
+    errors, _ = played_by_gym(env, solution)
     np.testing.assert_array_equal(errors, solution.tracking_error[:, model.roles.tracked])
     if dm is not None:
-        errors, _ = played_by_dm(dm.tracking(model, motion), Expert.of(solution))
+        errors, _ = played_by_dm(dm.tracking(model, motion), solution)
         np.testing.assert_array_equal(errors, solution.tracking_error[:, model.roles.tracked])
 
 
@@ -327,6 +345,9 @@ def test_actions_are_clipped(leg8):
         ({"physics_dt": "x"}, r"physics_dt must be a positive number; got 'x'"),
         ({"sart": "random"}, r"'sart' is no setting of the task: choose among dt, physics_dt"),
         ({"start": "middle"}, r"start must be one of beginning, random; got 'middle'"),
+        ({"bound": np.nan}, r"bound must be a positive number; got nan"),
+        ({"error_scale": np.inf}, r"error_scale must be a positive number; got inf"),
+        ({"solution": "a.parquet"}, r"a solution is a Solution; got str: use Solution\.load"),
         ({"noise": np.nan}, r"noise must be 0 or positive; got nan"),
         ({"effort_weight": 2}, r"effort_weight must lie within 0\.\.1; got 2"),
         ({"preview": 1.5}, r"preview must be a number of windows, 0 or more; got 1\.5"),
@@ -348,7 +369,7 @@ def test_bad_settings(leg8, choices, words):
         assert "\n" not in str(told.value)
 
 
-def test_bad_use(leg8, fast, bare, fast_solution):
+def test_bad_use(leg8, fast, bare):
     env = TrackingEnv(leg8, fast)
     with pytest.raises(SimulationError, match="has not begun: call reset"):
         env.step(np.zeros(8))
@@ -356,7 +377,13 @@ def test_bad_use(leg8, fast, bare, fast_solution):
         env.reset(options={"nod": 3})
     with pytest.raises(SettingsError, match=re.escape("node must be one of 0 .. 59")):
         env.reset(options={"node": 60})
+    with pytest.raises(SettingsError, match=r"node must be one of .*; got True"):
+        env.reset(options={"node": True})
+    with pytest.raises(SettingsError, match=re.escape("its options in a dict, such as {'node': 3}; got [3]")):
+        env.reset(options=[3])
     env.reset(seed=0)
+    with pytest.raises(SettingsError, match="8 numbers; got 'x'"):
+        env.step("x")
     with pytest.raises(SettingsError, match=re.escape("8 numbers; got shape (3,)")):
         env.step(np.zeros(3))
     with pytest.raises(SettingsError, match="finite excitations"):
@@ -369,10 +396,20 @@ def test_bad_use(leg8, fast, bare, fast_solution):
         TrackingEnv(leg8, fast, width=1.5)
     with pytest.raises(SettingsError, match="another motion or dt"):
         TrackingEnv(leg8, "slow", solution=bare)
+    with pytest.raises(SettingsError, match="another motion or dt"):
+        Expert.of(bare, TrackingTask(leg8, "slow"))
+    with pytest.raises(SettingsError, match="a task is a TrackingTask; got str"):
+        Episodes("leg8")
+    with pytest.raises(SettingsError, match="a task is a TrackingTask; got Solution"):
+        Expert.of(bare, bare)
+    for seed in (-1, "a"):
+        for make in () if dm is None else (lambda: dm.tracking(leg8, fast, random=seed),):  # noqa: B023 - called here
+            with pytest.raises(SettingsError, match="random must be a seed, 0 or more, or a generator; got"):
+                make()
     with pytest.raises(SettingsError, match="by integrator 'rk4', the task by 'euler'"):
         TrackingEnv(leg8, fast, solution=bare, integrator="euler")
     with pytest.raises(SettingsError, match=r"node 1 is at 0\.02 s, in the solution at 0\.01 s"):
-        played_by_gym(TrackingEnv(leg8, fast, dt=0.02), Expert.of(bare))
+        played_by_gym(TrackingEnv(leg8, fast, dt=0.02), Expert(bare.excitation, bare.time))
 
 
 def test_a_root_that_muscles_would_have_to_carry_is_refused():
@@ -383,7 +420,9 @@ def test_a_root_that_muscles_would_have_to_carry_is_refused():
 
 def test_what_is_cut_off_is_told(leg8, fast):
     with pytest.warns(MjhcmcWarning, match="the last 0.005 s are dropped"):
-        assert TrackingTask(leg8, fast, dt=0.007, physics_dt=0.0007).n_window == 85
+        task = TrackingTask(leg8, fast, dt=0.007)
+    assert task.n_window == 85
+    assert task.windows.n_step * task.settings.physics_dt == pytest.approx(0.007)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import mjhcmc
-from mjhcmc import OutputError, SettingsError, SimulationError
+from mjhcmc import MjhcmcWarning, OutputError, SettingsError, SimulationError
 from mjhcmc.environments import (
     Episodes,
     Expert,
@@ -18,6 +18,7 @@ from mjhcmc.environments import (
     expert_trajectories,
     returns,
 )
+from mjhcmc.errors import DivergedError
 
 DT = 0.01
 
@@ -25,7 +26,7 @@ DT = 0.01
 @pytest.fixture(scope="module")
 def bare(leg8, slow):
     """The slow movement by the muscles alone."""
-    return mjhcmc.hcmc(leg8, slow, DT, reserves=False)
+    return mjhcmc.hcmc(leg8, slow, DT, TrackingTask(leg8, slow).settings.physics_dt, reserves=False)
 
 
 @pytest.fixture(scope="module")
@@ -61,8 +62,9 @@ def test_undisturbed_it_is_the_solve(leg8, slow, bare, integrator):
 
 
 def test_costs_are_the_methods(leg8, slow):
-    solution = mjhcmc.hcmc(leg8, slow, DT, reserves=False, cost="cubic", disabled=["gastroc"])
     task = TrackingTask(leg8, replace(slow, span=(0.0, 0.3)), dt=DT)
+    step = task.settings.physics_dt
+    solution = mjhcmc.hcmc(leg8, slow, DT, step, reserves=False, cost="cubic", disabled=["gastroc"])
     expert = FeedbackExpert(task, cost="cubic", disabled=["gastroc"])
     errors = followed(Episodes(task), expert)
     np.testing.assert_allclose(errors, solution.tracking_error[:31], atol=1e-7)  # another span, other rms accelerations
@@ -82,7 +84,7 @@ def test_it_comes_back_from_a_wrong_start(leg8, slow, bare, node, seed):
     errors = np.abs(followed(Episodes(task), FeedbackExpert(task), seed, node)).max(axis=1)
     assert errors[0] > np.deg2rad(1)
     assert errors[50:].max() < 2 * np.abs(bare.tracking_error).max()
-    alone = np.abs(followed(Episodes(task), Expert.of(bare), seed, node)).max(axis=1)
+    alone = np.abs(followed(Episodes(task), Expert.of(bare, task), seed, node)).max(axis=1)
     assert alone[50:].max() > 10 * errors[50:].max()
 
 
@@ -97,6 +99,46 @@ def test_it_comes_back_from_a_push(leg8, slow, bare):
     errors = np.rad2deg(np.abs(followed(Episodes(task), FeedbackExpert(task), push=push))).max(axis=1)
     assert errors[31:40].max() > 0.3
     assert errors[80:].max() < 2 * np.rad2deg(np.abs(bare.tracking_error).max())
+
+
+def test_it_answers_however_it_is_disturbed(leg8):
+    """Muscles that are pushed hard against each other damp much; it still finds its way at each window."""
+    t = expert_trajectories(leg8, "slow", n=3, disturbance=0.3, start="random", noise=0.05)
+    assert t.metadata["given_up"] == []
+    assert not t.terminated.any()
+    np.testing.assert_array_equal(t.node[t.truncated], 179)
+
+
+def test_it_takes_finer_steps_where_the_tasks_are_too_long(leg8):
+    """At a step that a user insists on; by the task's own steps it would find no answer somewhere on this way."""
+    with pytest.warns(MjhcmcWarning, match="unstable where all muscles are fully active"):
+        t = expert_trajectories(leg8, "slow", n=1, physics_dt=1e-3, disturbance=0.3, noise=0.05, start="random")
+    assert t.metadata["given_up"] == []
+    assert t.node[-1] == 179
+
+
+def test_where_it_gives_up_is_kept_and_told(leg8, monkeypatch):
+    """What was recorded before stands; the episode is truncated there, and the metadata says why."""
+    asked = FeedbackExpert.__call__
+    at = [0]
+
+    def stubborn(self, node, state):
+        at[0] += 1
+        if at[0] in (70, 71):  # once within the second episode, once at the third's start
+            raise DivergedError("no way on")
+        return asked(self, node, state)
+
+    monkeypatch.setattr(FeedbackExpert, "__call__", stubborn)
+    with pytest.warns(MjhcmcWarning, match=r"2 of 4 episodes end early, .* episode 1, at 0\.09 s: no way on"):
+        t = expert_trajectories(leg8, "fast", n=4)
+    assert [(g["episode"], g["node"]) for g in t.metadata["given_up"]] == [(1, 9), (2, 0)]
+    np.testing.assert_array_equal(np.bincount(t.episode, minlength=4), [60, 9, 0, 60])
+    np.testing.assert_array_equal(np.flatnonzero(t.truncated), [59, 68, 128])
+    assert t.returns.shape == (4,)
+    assert t.returns[2] == 0
+    at[0] = 69
+    with pytest.raises(SimulationError, match="no answer at the start of any episode"):
+        expert_trajectories(leg8, "fast", n=2)
 
 
 @pytest.mark.parametrize("movement", ["slow", "fast"])
@@ -128,12 +170,16 @@ def test_bad_questions(leg8, slow, bare, tmp_path, monkeypatch):
     with pytest.raises(SettingsError, match="has 180 windows: none begins at node 180"):
         expert(180, bare.state(180))
     with pytest.raises(SettingsError, match="none begins at node 180"):
-        Expert.of(bare)(180, bare.state(180))
+        Expert.of(bare, task)(180, bare.state(180))
     with pytest.raises(SettingsError, match="gain must be positive"):
         FeedbackExpert(task, gain=0.0)
     with pytest.raises(SettingsError, match="unknown cost 'least'"):
         FeedbackExpert(task, cost="least")
-    with pytest.raises(SimulationError, match="diverged"):
+    with pytest.raises(SettingsError, match=r"'foo' is no setting of the expert: choose among trials.* cost, weights"):
+        FeedbackExpert(task, foo=1)
+    with pytest.raises(SettingsError, match="a task is a TrackingTask; got str"):
+        FeedbackExpert("leg8")
+    with pytest.raises(DivergedError, match=r"no excitation for the window at 0\.03 s: .* diverged, also with"):
         expert(3, replace(bare.state(3), qvel=np.full(3, 1e200)))
     expert(3, bare.state(3))  # and is itself again
 
@@ -169,6 +215,7 @@ def test_trajectories_follow_from_what_was_applied(leg8, written):
             np.testing.assert_array_equal(task.flat(seen), written.observation[row])
             outcome = episodes.step(written.applied[row])
             assert outcome.reward == written.reward[row]
+            np.testing.assert_array_equal(task.flat(outcome.observation), written.next_observation[row])
             seen = outcome.observation
 
 
@@ -184,12 +231,14 @@ def test_trajectories_survive_a_file(tmp_path, written, suffix):
     path = written.save(tmp_path / "new" / f"expert{suffix}")
     assert [one.name for one in path.parent.iterdir()] == [path.name]
     back = Trajectories.load(path)
-    for name in ("time", "episode", "motion", "node", "observation", "action", "applied", "reward", "truncated"):
-        np.testing.assert_array_equal(getattr(back, name), getattr(written, name))
+    for name, value in vars(written).items():
+        if isinstance(value, np.ndarray):
+            np.testing.assert_array_equal(getattr(back, name), value)
+            assert getattr(back, name).dtype == value.dtype
     assert back.observation_names == written.observation_names
     assert back.action_names == written.action_names
     assert back.metadata == written.metadata
-    assert set(back.metadata["versions"]) == {"mjhcmc", "mujoco", "numpy"}
+    assert set(back.metadata["versions"]) == {"mjhcmc", "python", "mujoco", "numpy", "scipy", "numba", "qpsolvers"}
     assert len(back.metadata["model_sha256"]) == 64
     assert back.metadata["settings"]["noise"] == 0.02
 
@@ -211,9 +260,33 @@ def test_the_models_hash_tells_models_apart(leg8, written):
     assert other.metadata["model_sha256"] != written.metadata["model_sha256"] == same.metadata["model_sha256"]
 
 
+def test_the_hashes_tell_motions_and_solutions_apart(leg8, fast):
+    """Two cosines have one name."""
+    motions = [mjhcmc.Motion.cosine(leg8, amplitudes={"knee": a}, period=0.1, cycles=1) for a in (-0.1, -0.2, -0.1)]
+    one, other, same = expert_trajectories(leg8, motions, n=1).metadata["motions"]
+    assert one["name"] == other["name"]
+    assert one["sha256"] != other["sha256"]
+    assert one["sha256"] == same["sha256"]
+    solutions = [mjhcmc.hcmc(leg8, motions[0], reserves=False, cost=cost) for cost in ("effort", "cubic")]
+    notes = [expert_trajectories(leg8, motions[0], n=1, solution=s).metadata for s in solutions]
+    assert len(notes[0]["solution"]) == 64
+    assert notes[0]["solution"] != notes[1]["solution"]
+
+
+def test_metadata_is_strict_json(tmp_path, leg8):
+    """JSON has no infinity."""
+    motion = mjhcmc.Motion.cosine(leg8, amplitudes={"knee": -0.1}, period=0.1, cycles=1)
+    t = expert_trajectories(leg8, motion, n=1, bound=np.inf)
+    text = json.dumps(t.metadata, allow_nan=False)
+    assert json.loads(text)["settings"]["bound"] == "infinite"
+
+
 def test_bad_trajectories(tmp_path, leg8, written):
     for choices, words in (
-        ({"n": 0}, "n must be a number of episodes"),
+        ({"n": 0}, "n must be a whole number, at least 1; got 0"),
+        ({"seed": -1}, "seed must be a whole number, at least 0; got -1"),
+        ({"seed": None}, "seed must be a whole number, at least 0; got None"),
+        ({"seed": "a"}, "seed must be a whole number, at least 0; got 'a'"),
         ({"disturbance": 2.0}, "disturbance must lie within 0..1; got 2.0"),
         ({"motions": []}, "no motions"),
         ({"nois": 0.1}, "'nois' is no setting of the task"),
@@ -228,7 +301,19 @@ def test_bad_trajectories(tmp_path, leg8, written):
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     pd.DataFrame({"x": [1]}).to_parquet(tmp_path / "other.parquet")
     (tmp_path / "other.bin").write_bytes(b"nothing")
-    for name in ("other.npz", "other.parquet", "other.bin", "none.npz"):
+    names = ["other.npz", "other.parquet", "other.bin", "none.npz"]
+    for suffix in (".npz", ".parquet"):
+        whole = written.save(tmp_path / f"whole{suffix}").read_bytes()
+        (tmp_path / f"cut{suffix}").write_bytes(whole[: len(whole) // 2])
+        (tmp_path / f"empty{suffix}").write_bytes(b"")
+        names += [f"cut{suffix}", f"empty{suffix}"]
+    with np.load(tmp_path / "whole.npz") as file:
+        arrays = dict(file)
+    for i, notes in enumerate(("[1]", "{}", '{"observation_names": 3, "action_names": null}', "no JSON")):
+        np.savez(tmp_path / f"notes{i}.npz", **{**arrays, "metadata": np.array(notes)})
+        names.append(f"notes{i}.npz")
+    np.savez(tmp_path / "short.npz", **{**arrays, "action": arrays["action"][:-1]})
+    for name in (*names, "short.npz"):
         with pytest.raises(OutputError, match="holds no expert trajectories") as told:
             Trajectories.load(tmp_path / name)
         assert "\n" not in str(told.value)

@@ -268,7 +268,7 @@ def test_expert_trajectories(run):
     ("name", "missing", "remedy"),
     [
         ("16_myosuite_model.py", "myo_sim", "pip install myo-sim"),
-        ("17_expert_trajectories.py", "gymnasium", "pip install 'mjhcmc[learn]'"),
+        ("17_expert_trajectories.py", "gymnasium", 'pip install "mjhcmc[learn]"'),
     ],
 )
 def test_what_an_example_needs_is_named(name, missing, remedy, monkeypatch):

@@ -30,6 +30,10 @@ def test_all_24_muscle_parameters_agree_with_central_differences(model, fast):
         check(fast.relative[:, :, fast.names.index(name)], numeric, fast.margin)
 
 
+def test_at_the_prompt_it_is_one_line(fast):
+    assert repr(fast) == "Gradient(24 parameters, 60 windows, 8 muscles)"
+
+
 def test_the_solution_is_hcmc_s_converged_answer(model, fast):
     whole = converged(model, short(model))
     # TOLERANCE is of the acceleration; excitation answers to it about as 1 to 1 where both are scaled to their peaks

@@ -236,7 +236,7 @@ def test_beyond_the_muscles_strength_reserves_are_applied_flagged_and_named(line
     assert not solution.verdict.passed
     text = " ".join(solution.verdict.findings)
     assert "height" in text
-    assert "switched off: pull" in text  # the largest reserve pushes down, where the muscle can only let go
+    assert "silent: pull" in text  # the largest reserve pushes down, where the muscle can only let go
     assert " s" in text
     # replay with the reserves follows; without them it could not
     assert max(solution.verdict.replay_max_error) < 1e-4

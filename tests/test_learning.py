@@ -130,7 +130,7 @@ def test_without_scikit_learn_the_row_says_what_to_install(cohort, monkeypatch, 
     monkeypatch.setitem(sys.modules, "sklearn.ensemble", None)
     missing = baseline.grade("gradient boosting", cohort)
     assert missing.ranks is None
-    assert "pip install 'mjhcmc[learn]'" in missing.note
+    assert 'pip install "mjhcmc[learn]"' in missing.note
     fewer = replace(report, predicted=(*report.predicted[:3], missing))
     assert missing.note in fewer.screen()
     assert fewer.numbers()["not_run"] == {"gradient boosting": missing.note}

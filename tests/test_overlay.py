@@ -190,8 +190,6 @@ def test_reference_is_found_beside_the_checkout_or_the_current_folder(tmp_path, 
 
 def test_opensims_own_runs_follow_the_cosine(leg8, slow, fast):
     """Its CMC tracks the movement within .4 deg: angles, signs and times are read as they are meant."""
-    if not (SHARED / "reference" / "opensim_cmc").is_dir():
-        pytest.skip("OpenSim's runs (shared/reference/opensim_cmc) are not beside this checkout")
     for name, motion in (("slow", slow), ("fast", fast)):
         run = read_reference(leg8, name)
         assert np.rad2deg(np.abs(run.qpos - motion.sample(run.time).qpos).max()) < 0.4
@@ -201,10 +199,8 @@ def test_opensims_own_runs_follow_the_cosine(leg8, slow, fast):
         np.testing.assert_allclose(static.time[[0, -1]], motion.time[[0, -1]])
 
 
-def test_documents_tell_one_error_of_opensims_stored_run(leg8, fast, monkeypatch):
+def test_documents_tell_one_error_of_opensims_stored_run(leg8, fast, tmp_path, monkeypatch):
     """The table of accuracy.py has what the stored run says, as `reproduce` has; where there is none, no figure."""
-    if find_reference() is None:
-        pytest.skip("OpenSim's runs (shared/reference/opensim_cmc) are not beside this checkout")
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     script = runpy.run_path(str(BENCHMARKS / "accuracy.py"))
     run = read_reference(leg8, "fast")
@@ -214,5 +210,15 @@ def test_documents_tell_one_error_of_opensims_stored_run(leg8, fast, monkeypatch
     row = "| fast, 10 ms | OpenSim 4.6 CMC, 10 ms look-ahead | " + " | ".join(expected) + " |"
     assert row in (BENCHMARKS.parent / "docs" / "accuracy.md").read_text(encoding="utf-8")
     assert script["opensim_cmc"]("slow", 0.005) == []
-    monkeypatch.setattr(reference, "find_reference", lambda: None)
+    monkeypatch.setattr(reference, "SHIPPED", tmp_path)
     assert script["opensim_cmc"]("fast", 0.01) == []
+
+
+def test_shipped_tables_are_those_that_were_made():
+    made = SHARED / "reference" / "opensim_cmc"
+    if not made.is_dir():
+        pytest.skip("OpenSim's runs (shared/reference/opensim_cmc) are not beside this checkout")
+    tables = sorted(path.name for path in reference.SHIPPED.glob("*.csv"))
+    assert tables == sorted(path.name for path in made.glob("*.csv"))
+    for name in tables:
+        assert (reference.SHIPPED / name).read_bytes() == (made / name).read_bytes()

@@ -53,6 +53,8 @@ def test_the_wheel_installed_elsewhere_loads_leg8(wheel, tmp_path):
 def test_the_wheel_holds_what_it_needs_and_no_more(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {"mjhcmc/assets/leg8.xml", "mjhcmc/py.typed", "mjhcmc/leg8/parameters.json"} <= names
+    opensim = {f"mjhcmc/reference/{name}" for name in ("README.md", "cmc_a.csv", "cmc_b.csv", "so_a.csv", "so_b.csv")}
+    assert opensim <= names  # what reproduce lays ours beside, with its licence
     assert not [name for name in names if name.startswith(("tests/", "benchmarks/", "docs/", "examples/"))]
     # what lies among the modules is read by them: styles and scripts of the report
     beside = {

@@ -7,13 +7,14 @@ import pytest
 from browser_tools import browser, watched_page
 from plot_tools import make
 
+import mjhcmc
 from mjhcmc.report.page import write_report
 
 __all__ = ["browser"]
 
 pytestmark = pytest.mark.browser
 
-LEFT, RIGHT = 46, 18  # px beside the axes, as in report.js
+LEFT, RIGHT = 54, 18  # px beside the axes, as in report.js
 SHOWN, FOLDED = 14, 8  # panels of the fast movement
 
 
@@ -76,6 +77,23 @@ def spot(plot, time, span):
     return LEFT + (time - span[0]) / (span[1] - span[0]) * (width - LEFT - RIGHT)
 
 
+def label_at(page, plot, time, solution):
+    """What the label says with the pointer at a time, and the time that it tells."""
+    plot.hover(position={"x": spot(plot, time, (solution.time[0], solution.time[-1])), "y": 60})
+    label = page.locator("#tip")
+    assert label.is_visible()
+    lines = [label.locator("b").inner_text(), *label.locator("div").all_inner_texts()]
+    told = float(lines[0].removesuffix(" s"))
+    assert told == pytest.approx(time, abs=0.003)
+    return "; ".join(lines), told
+
+
+def told_number(label):
+    """The label with numbers as Python reads them."""
+    raised = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+    return re.sub(r"×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda found: "e" + found[1].translate(raised), label.replace("−", "-"))
+
+
 def test_it_draws_what_is_near_and_then_all(desk):
     page = desk.page
     assert page.title() == "HCMC · leg8 · fast · dt 10 ms"
@@ -93,26 +111,36 @@ def test_it_draws_what_is_near_and_then_all(desk):
 def test_the_label_under_the_pointer_tells_the_solutions_values(desk, fast_solution):
     page, s = desk.page, fast_solution
     plot, k = panel(page, "excitation-6"), 25
-    time = s.time[k] + 0.002  # nearest to node k, in window k
-    plot.hover(position={"x": spot(plot, time, (s.time[0], s.time[-1])), "y": 70})
-    page.wait_for_selector("figure[data-panel='excitation-6'] .hoverlayer text")
-    label = " ".join(plot.locator(".hoverlayer text").all_text_contents())
-    assert f"{s.time[k]:.3f} s" in label
+    label, time = label_at(page, plot, s.time[k] + 0.008, s)  # nearer to node k + 1, in window k
+    assert s.time[k] < time < s.time[k + 1]
     found = dict(re.findall(r"soleus (\w+) (\S+)", label))
-    assert float(found["activation"]) == pytest.approx(s.activation[k, 6], rel=1e-3)
+    assert float(found["activation"]) == pytest.approx(np.interp(time, s.time, s.activation[:, 6]), rel=1e-2)
     assert float(found["excitation"]) == pytest.approx(s.excitation[k, 6], rel=1e-3)
+
+
+def test_lines_of_other_windows_are_told_at_the_same_time(browser, leg8, fast_solution, tmp_path):
+    s = fast_solution
+    fine = mjhcmc.hcmc(leg8, mjhcmc.Motion.cosine(leg8, "fast"), dt=0.005)
+    watched = opened(browser, write_report(s, tmp_path / "report.html", others={"fine": fine}))
+    label, time = label_at(watched.page, panel(watched.page, "excitation-6"), 0.1463, s)
+    found = {name: float(value) for name, value in re.findall(r"(soleus \w+|fine: \w+) (\S+)", told_number(label))}
+    for name, one in (("soleus", s), ("fine:", fine)):
+        window = int(np.searchsorted(one.time, time, side="right")) - 1
+        assert abs(one.excitation[window, 6] - one.excitation[window + 1, 6]) > 1e-3 * one.excitation[window, 6]
+        assert found[f"{name} excitation"] == pytest.approx(one.excitation[window, 6], rel=1e-3)
+        assert found[f"{name} activation"] == pytest.approx(np.interp(time, one.time, one.activation[:, 6]), rel=1e-2)
+    assert watched.errors == []
 
 
 def test_the_label_of_a_stack_tells_each_muscle_with_its_unit(desk, fast_solution):
     page, s = desk.page, fast_solution
     plot, k = panel(page, "moment-1"), 31
-    plot.hover(position={"x": spot(plot, s.time[k], (s.time[0], s.time[-1])), "y": 60})
-    page.wait_for_selector("figure[data-panel='moment-1'] .hoverlayer text")
-    label = " ".join(plot.locator(".hoverlayer text").all_text_contents()).replace("−", "-")
-    told = {name.strip(): float(value) for name, value in re.findall(r"([a-z ]+) (-?[\d.]+(?:e-?\d+)?) N m", label)}
-    assert told["knee net moment"] == pytest.approx(s.net_joint_moment[k, 1], rel=1e-3)
-    vasti = s.detail.muscle_moment[k, s.muscle_names.index("vasti"), 1]
-    assert told["vasti"] == pytest.approx(vasti, rel=1e-3)
+    label, time = label_at(page, plot, s.time[k], s)
+    told = dict(re.findall(r"([a-z ]+) (\S+) N m", told_number(label)))
+    net, vasti = s.net_joint_moment[:, 1], s.detail.muscle_moment[:, s.muscle_names.index("vasti"), 1]
+    for name, values in (("knee net moment", net), ("vasti", vasti)):
+        off = 1e-3 * np.ptp(values)
+        assert float(told[name]) == pytest.approx(np.interp(time, s.time, values), abs=off)
 
 
 def test_a_click_moves_the_replay_and_the_replay_moves_the_line(desk, fast_solution):
@@ -217,8 +245,7 @@ def test_many_muscles_are_found_and_put_in_order_and_names_are_no_markup(browser
     page.locator("#muscle-order").click()
     assert titles.first.inner_text() == "muscle 00"
     plot = panel(page, "excitation-19")
-    plot.hover(position={"x": 120, "y": 70})
-    page.wait_for_selector("figure[data-panel='excitation-19'] .hoverlayer text")
-    assert "<b>%{x} excitation" in " ".join(plot.locator(".hoverlayer text").all_text_contents())
+    label, _ = label_at(page, plot, 0.75, solution)
+    assert "<b>%{x} excitation" in label
     assert page.evaluate("window.bad") is None
     assert watched.errors == []

@@ -338,7 +338,7 @@ def test_a_solver_that_is_not_installed_tells_how_to_install_it(leg8, slow):
     absent = [name for name in ("scs", "highs", "cvxopt", "ecos") if name not in qpsolvers.available_solvers]
     if not absent:
         pytest.skip("all of qpsolvers' solvers are installed")
-    message = rf"'{absent[0]}' is not installed: pip install 'qpsolvers\[{absent[0]}\]'; or choose newton, .*daqp"
+    message = rf"'{absent[0]}' is not installed: pip install \"qpsolvers\[{absent[0]}\]\"; or choose newton, .*daqp"
     with pytest.raises(mjhcmc.SettingsError, match=message):
         mjhcmc.hcmc(leg8, slow, solver=absent[0])
 

@@ -87,6 +87,17 @@ def test_arrays_that_do_not_fit_are_refused(solution, name):
         dataclasses.replace(solution, **{name: getattr(solution, name)[:-1].copy()})
 
 
+def test_at_the_prompt_it_is_one_line(fast_solution):
+    """And the verdict, which takes a replay, is told only once it is known."""
+    fresh = dataclasses.replace(fast_solution)
+    about = "Solution(hcmc, 60 windows from 0 to 0.6 s, 8 muscles, 3 degrees of freedom"
+    assert repr(fresh) == f"{about})"
+    assert "verdict" not in vars(fresh)
+    assert repr(fresh.verdict).startswith("Verdict(holds: peak reserve at most ")
+    assert "\n" not in repr(fresh.verdict)
+    assert repr(fresh) == f"{about}, verdict holds)"
+
+
 def test_the_verdict_is_computed_once(solution):
     assert solution.verdict is solution.verdict
 
@@ -422,7 +433,7 @@ def test_without_the_extra_the_remedy_is_named(tmp_path, solution, monkeypatch):
     path = solution.save(tmp_path / "walk.nc")
     monkeypatch.setitem(sys.modules, "xarray", None)
     for act in (lambda: solution.save(tmp_path / "other.nc"), solution.to_xarray, lambda: mjhcmc.Solution.load(path)):
-        with pytest.raises(mjhcmc.OutputError, match=r"pip install 'mjhcmc\[netcdf\]'"):
+        with pytest.raises(mjhcmc.OutputError, match=r'pip install "mjhcmc\[netcdf\]"'):
             act()
     assert [item.name for item in tmp_path.iterdir()] == ["walk.nc"]
 

@@ -73,7 +73,7 @@ def test_a_reserve_may_reach_five_percent_of_its_joints_peak_moment(fast_solutio
         assert verdict.peak_reserve[joint] == pytest.approx(share * peak, rel=1e-12)
         (finding,) = verdict.findings
         assert finding.startswith(f"{JOINTS[joint]}: reserve of ")
-        assert ("is within 5 %" if passes else "exceeds 5 %") in finding
+        assert ("is within 5 %: a note" if passes else "exceeds 5 %") in finding
 
 
 def test_exactly_five_percent_passes(fast_solution):
@@ -202,7 +202,7 @@ def test_a_real_overload_names_joint_force_and_time_and_that_there_is_no_strengt
     for word in ("height: reserve of", " N at ", f"{overloaded.time[k]:.3f} s", "exceeds 5 %"):
         assert word in finding
     # a muscle cannot push: at the top, 63.2 m/s^2 downward is more than gravity
-    assert "no strength: all muscles together have 0 N that way there; switched off: pull" in finding
+    assert "no strength: all muscles together have 0 N that way there; silent: pull" in finding
     assert verdict.peak_reserve[0] == pytest.approx(2 * (0.1 * (2 * np.pi / 0.25) ** 2 - 9.81), rel=0.2)
 
 

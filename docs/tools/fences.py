@@ -4,7 +4,12 @@ A block that cannot run stands after a comment with the reason, and nothing betw
 
     <!-- not run: opens a window -->
 
-Languages that run are bash and python; text, json, xml and the like are to be read.
+One that runs where something is installed that not every computer has stands after
+
+    <!-- needs: OpenGL -->
+
+Languages that run are bash and python; text, json, xml and the like are to be read. A text block after a line that ends
+in "prints" or "prints:" is what the block before it prints, to the letter.
 """
 
 from __future__ import annotations
@@ -18,7 +23,9 @@ RUN = ("bash", "python")
 READ = ("text", "json", "xml", "csv", "r", "matlab", "yaml", "toml")
 
 _FENCE = re.compile(r"^(?P<indent> *)(?P<fence>`{3,}|~{3,})(?P<info>.*)$")
-_NOT_RUN = re.compile(r"^\s*<!-- not run:(?P<reason>.*)-->\s*$")
+_COMMENT = re.compile(r"^\s*<!-- (?P<kind>not run|needs):(?P<words>.*)-->\s*$")
+_PRINTS = re.compile(r"\bprints:?\s*$")
+_COMMAND = re.compile(r"^\s*(?:\$ )?(?:mjhcmc|pip|python3?) ", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -31,6 +38,8 @@ class Block:
         language: what stands after the fence, empty if nothing does.
         text: what is inside, without the fence's own indentation.
         not_run: the reason of the comment before it; None where there is no such comment.
+        needs: what the comment before it says that it needs; None where there is no such comment.
+        printed: whether it is what the block before it prints.
     """
 
     document: Path
@@ -38,6 +47,13 @@ class Block:
     language: str
     text: str
     not_run: str | None
+    needs: str | None = None
+    printed: bool = False
+
+    @property
+    def hides_commands(self) -> bool:
+        """Whether it is text, and so never run, and has commands in it."""
+        return self.language == "text" and not self.printed and _COMMAND.search(self.text) is not None
 
     @property
     def runs(self) -> bool:
@@ -73,10 +89,13 @@ def blocks(document: Path) -> list[Block]:
         end = next((j for j in range(k + 1, len(lines)) if lines[j].strip() == fence), None)
         if end is None:
             raise ValueError(f"{document.name}:{k + 1}: this block is never closed with {fence}")
-        before = _NOT_RUN.match(lines[k - 1]) if k else None
+        comment = _COMMENT.match(lines[k - 1]) if k else None
+        said = {comment["kind"]: comment["words"].strip()} if comment else {}
         text = "\n".join(line.removeprefix(indent) for line in lines[k + 1 : end]) + "\n"
-        reason = before["reason"].strip() if before else None
-        found.append(Block(document, k + 1, opening["info"].strip(), text, reason))
+        language = opening["info"].strip()
+        above = next((line for line in reversed(lines[:k]) if line.strip()), "")
+        printed = language == "text" and _PRINTS.search(above) is not None
+        found.append(Block(document, k + 1, language, text, said.get("not run"), said.get("needs"), printed))
         k = end + 1
     return found
 

@@ -66,6 +66,12 @@ def opensim_step(folder: Path) -> None:
     step(folder, "subject_adjusted_Kinematics_q.sto", "subject01_walk_grf.xml", "subject01.osim")
 
 
+def converted(folder: Path) -> None:
+    """A model that was converted, with a motion, a load and its OpenSim document: here, too, a leg."""
+    step(folder, "arm_q.sto", "handle.xml", "original.osim")
+    shutil.copy(ROOT / "assets" / "leg8_gait.xml", folder / "converted.xml")
+
+
 def recording(folder: Path) -> None:
     """trial.csv (raw EMG, V), channels.csv, mvc.json, and out/, the solution of walk.mot."""
     model = mjhcmc.MuscleModel.load("leg8")
@@ -91,7 +97,9 @@ def pendulum(folder: Path) -> None:
 FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
     "README.md": (swing, step),
     "docs/emg.md": (swing, recording),
+    "docs/coming-from-cmc.md": (step,),
     "docs/engines.md": (pendulum,),
+    "docs/howto/opensim-files.md": (step, converted),
     "docs/sensitivity.md": (swing,),
     "docs/walking.md": (opensim_step,),
 }

@@ -24,10 +24,11 @@ PAGES = {
     "CHANGELOG.md": "changelog.md",
     "benchmarks/README.md": "benchmarks.md",
 }
-COMMANDS = "<!-- commands -->"
+COMMANDS = re.compile(r"<!-- commands -->.*<!-- end: commands -->", re.DOTALL)
 NAMES = {"emg": "EMG", "hill": "Hill", "mujoco": "MuJoCo", "myosuite": "MyoSuite"}
 
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>(?:[^\[\]]|\[[^\]]*\])*)\]\((?P<target>[^)\s]+)\)")
+_PATH = re.compile(r"(?:docs/)?[\w/-]+\.md")
 _FENCED = re.compile(r"^(```.*?^```)$", re.MULTILINE | re.DOTALL)
 
 
@@ -44,8 +45,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
     """Links as the site needs them, and the help of the commands."""
     home = {target: source for source, target in PAGES.items()}
     where = home.get(page.file.src_uri, posixpath.join("docs", page.file.src_uri))
-    if COMMANDS in markdown:
-        markdown = markdown.replace(COMMANDS, command_line())
+    markdown = COMMANDS.sub(lambda _: command_line(), markdown)
     parts = _FENCED.split(markdown)  # code stays as it is
     return "".join(part if part.startswith("```") else relink(part, where, page.file.src_uri, files) for part in parts)
 
@@ -63,11 +63,17 @@ def relink(text: str, where: str, page: str, files: Files) -> str:
         uri = page_of(path)
         if uri is None or files.get_file_from_path(uri) is None:
             return found["text"] if "`" in found["text"] else f"`{path}`"
+        text = name_of(found["text"])
         seen = posixpath.relpath(uri, posixpath.dirname(page) or ".")
         anchor = example_anchor(path) if uri == "examples.md" else anchor
-        return f"{found['image']}[{found['text']}]({seen}{'#' + anchor if anchor else ''})"
+        return f"{found['image']}[{text}]({seen}{'#' + anchor if anchor else ''})"
 
     return _LINK.sub(link, text)
+
+
+def name_of(text: str) -> str:
+    """A link's text; where it is a file's path, what readers of the site call that page."""
+    return text.removeprefix("docs/").removesuffix(".md") if _PATH.fullmatch(text) else text
 
 
 def page_of(path: str) -> str | None:

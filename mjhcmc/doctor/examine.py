@@ -28,7 +28,7 @@ class Examination:
         facts: versions of mjhcmc and Python, platform, cores, variables that set numbers of threads.
         problems: what keeps mjhcmc from working, a line each with its remedy.
         needed: packages that mjhcmc cannot do without.
-        parts: by extra, what it brings itself; those for work on mjhcmc only where one of their packages is there.
+        parts: by extra, what it brings itself; those for work on mjhcmc only where most of their packages are there.
         solve: the small solve.
         cache_problem: what is wrong with NUMBA_CACHE_DIR, or None.
         pictures: what can be drawn.
@@ -73,12 +73,15 @@ def examine(*, thorough: bool = False) -> Examination:
     with ExitStack() as held:
         solving = small_solve.start()
         cold = small_solve.start(cold=True, held=held) if thorough else None
-        drawing = pictures.start()
-        children: list[Child] = [solving, *([cold] if cold else []), *drawing.values()]
+        drawing, asking = pictures.start(), pictures.start_asked()
+        children: list[Child] = [solving, *drawing.values(), *(each for each in (cold, asking) if each)]
         for child in children:
             held.callback(child.end)  # an interrupt shall leave none behind
         problems, needed, parts = _packages(thorough)
         drawn = pictures.gather(drawing)
+        refused = pictures.asked_problem(asking, drawn.use)
+        if refused and not any(each.name == "mujoco" and each.problem for each in needed):  # it is not MuJoCo itself
+            problems.append(refused)
         solve = small_solve.gather(solving, cold)
     if solve.problem and NO_CACHE in solve.problem:
         problems.append(
@@ -113,8 +116,9 @@ def _packages(thorough: bool) -> tuple[list[str], tuple[Package, ...], dict[str,
     parts = {}
     for name, brought in asked.extras.items():
         found = tuple(packages.look_up(each, f'pip install "mjhcmc[{name}]"') for each in brought)
-        if not found or (name in DEVELOPERS and not any(each.version for each in found)):
-            continue  # a sum of others, or for those who work on mjhcmc
+        there = sum(each.version is not None for each in found)
+        if not found or (name in DEVELOPERS and 2 * there <= len(found)):
+            continue  # a sum of others, or for those who work on mjhcmc: not for whoever has one of its packages
         parts[name] = found
     optional = [p.name for found in parts.values() for p in found if p.version] if thorough else []
     modules = [packages.module_of(each.name) for each in needed if each.version]

@@ -6,7 +6,7 @@ import sys
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, distribution, version
+from importlib.metadata import PackageNotFoundError, distribution, requires, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -139,7 +139,28 @@ def look_up(asked: Requirement, remedy: str | None = None) -> Package:
         return Package(asked.name, needs, None, "missing", remedy or own)
     if not asked.specifier.contains(found, prereleases=True):
         return Package(asked.name, needs, found, f"{found} is not {needs}", own)
+    absent = _absent_of_extras(asked)
+    if absent:
+        return Package(asked.name, needs, found, f"{found} without {', '.join(absent)}", remedy or own)
     return Package(asked.name, needs, found)
+
+
+def _absent_of_extras(asked: Requirement) -> list[str]:
+    """What extras of a package would have brought, imageio[ffmpeg] its encoder, and is not there."""
+    from packaging.requirements import Requirement
+
+    brought = [Requirement(line) for line in requires(asked.name) or []]
+    by_extra = [each for each in brought if each.marker is not None and "extra" in str(each.marker)]
+    names = dict.fromkeys(each.name for extra in sorted(asked.extras) for each in _applicable(by_extra, extra))
+    return [name for name in names if not _is_there(name)]
+
+
+def _is_there(name: str) -> bool:
+    try:
+        version(name)
+    except PackageNotFoundError:
+        return False
+    return True
 
 
 def _extras(asked: Requirement) -> str:
@@ -158,7 +179,7 @@ def module_of(name: str) -> str:
 
 def start_imports(modules: Sequence[str]) -> Child:
     """Import modules in a process of its own, one after another."""
-    return Child(_IMPORT, modules)
+    return Child(_IMPORT, modules, {"MUJOCO_GL": None})  # what is wrong with that is told apart
 
 
 def import_problems(child: Child) -> dict[str, str]:

@@ -86,6 +86,28 @@ class Pictures:
         return None
 
 
+def start_asked() -> Child | None:
+    """Import MuJoCo with MUJOCO_GL as it is set, which refuses what it does not know; None where it is not set."""
+    return Child("import mujoco") if os.environ.get("MUJOCO_GL") else None
+
+
+def asked_problem(child: Child | None, use: str | None) -> str | None:
+    """Why MuJoCo cannot be imported with MUJOCO_GL as it is set, with the remedy; None where it can.
+
+    Args:
+        child: of `start_asked`.
+        use: a back end that works, None where there is none.
+    """
+    outcome = None if child is None else child.wait(_PATIENCE)
+    if outcome is None or outcome.ended_well:
+        return None
+    instead = f", or export MUJOCO_GL={use}" if use else ""
+    return (
+        f"MUJOCO_GL={os.environ['MUJOCO_GL']}: MuJoCo cannot be imported with it ({_shortened(outcome.why)}): "
+        f"unset MUJOCO_GL{instead}"
+    )
+
+
 def start() -> dict[str, Child]:
     """Try each back end in a process of its own; by back end."""
     names = _BY_SYSTEM.get(sys.platform, ("glfw",))

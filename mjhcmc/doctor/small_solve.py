@@ -52,10 +52,10 @@ def start(*, cold: bool = False, held: ExitStack | None = None) -> Child:
         held: takes that cache away when it is closed; needed with cold.
     """
     if not cold:
-        return Child(_RUN)
+        return Child(_RUN, environment={"MUJOCO_GL": None})  # nothing is drawn: what is wrong with it is told apart
     assert held is not None  # what is made here is to be taken away
     folder = held.enter_context(tempfile.TemporaryDirectory(prefix="mjhcmc-doctor-"))
-    return Child(_RUN, environment={"NUMBA_CACHE_DIR": folder})
+    return Child(_RUN, environment={"NUMBA_CACHE_DIR": folder, "MUJOCO_GL": None})
 
 
 def gather(child: Child, cold: Child | None = None) -> SmallSolve:

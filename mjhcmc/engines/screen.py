@@ -10,6 +10,9 @@ _WIDTHS = (12, 8, 8, 8, 8, 8, 8, 10, 9, 9, 8, 6)
 _HEADER = ("engine", "version", "computes", "leg", "M", "bias", "tau", "", "call us", "step us", "1 s deg", "order")
 _LEG = _HEADER.index("leg")
 
+INSTALL = 'pip install "mjhcmc[engines]"'
+"""What brings those that have packages for many systems."""
+
 
 def screen(comparison: Comparison) -> str:
     """Rows by engine and leg; then how each was given the model and moves it; then who is missing and why."""
@@ -73,5 +76,5 @@ def _verdict(comparison: Comparison) -> str:
     if not comparison.passed:
         return "not every installed engine agrees"
     if not comparison.compared:
-        return "no other engine is installed: nothing was compared"
+        return f"no other engine is installed: nothing was compared: {INSTALL}"
     return "every installed engine agrees"

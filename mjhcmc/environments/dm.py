@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjhcmc.environments.episodes import checked
+from mjhcmc.environments.episodes import checked, generator
 from mjhcmc.environments.task import TrackingTask
 from mjhcmc.errors import SettingsError
 from mjhcmc.plant import MujocoPlant, State
@@ -55,12 +55,13 @@ def tracking(
 
     Returns:
         A ``dm_control.rl.control.Environment``. Where loads act or joints are prescribed its physics leads them at each
-        step (`LedPhysics`); it cannot be copied then. A model that runs away within a window raises dm_control's own
+        step (`LedPhysics`). A model that runs away within a window raises dm_control's own
         ``PhysicsError``, unless ``physics.suppress_physics_errors()`` is in force.
 
     Raises:
         SettingsError: an unknown setting or a value outside its valid ones; the rest as `TrackingTask`.
     """
+    rng = generator(random, "random")
     task = TrackingTask(model, motion, dt=dt, **choices)
     windows = task.windows
     surroundings = windows.surroundings
@@ -71,9 +72,7 @@ def tracking(
     physics = kind.from_model(MjModel(plant.mj_model))
     if not surroundings.empty:
         physics.lead_by(plant)
-    return control.Environment(
-        physics, DmTask(task, random, flat=flat), n_sub_steps=windows.n_step, flat_observation=flat
-    )
+    return control.Environment(physics, DmTask(task, rng, flat=flat), n_sub_steps=windows.n_step, flat_observation=flat)
 
 
 class LedPhysics(dm_mujoco.Physics):  # type: ignore[misc]  # dm_control has no types
@@ -81,8 +80,18 @@ class LedPhysics(dm_mujoco.Physics):  # type: ignore[misc]  # dm_control has no 
 
     def lead_by(self, plant: MujocoPlant) -> None:
         """Let a plant of this physics' model step its data."""
-        plant.mj_data = self.data.ptr
+        plant.mj_model, plant.mj_data = self.model.ptr, self.data.ptr
         self._plant = plant
+
+    def copy(self, share_model: bool = False) -> LedPhysics:
+        """As dm_control's: one with data of its own, led by a plant of its own."""
+        new, plant = super().copy(share_model), self._plant
+        new.lead_by(plant.at(plant.physics_dt, plant.surroundings))
+        return new  # type: ignore[no-any-return]
+
+    def __getstate__(self) -> Any:
+        """Refused: what acts from outside is a function of time, which no file holds."""
+        raise SettingsError("a physics with loads or prescribed joints cannot be pickled: make the environment again")
 
     def step(self, nstep: int = 1) -> None:
         """As dm_control's, under the controls as they stand."""
@@ -109,7 +118,7 @@ class DmTask(control.Task):  # type: ignore[misc]  # dm_control has no types
         self, task: TrackingTask, random: int | np.random.Generator | None = None, *, flat: bool = False
     ) -> None:
         self.task, self.node, self._flat = task, 0, flat
-        self._rng = np.random.default_rng(random)
+        self._rng = generator(random, "random")
         self._limits, self._bounds = task.model.excitation_range, task.bounds()
         self._begun = False
 

@@ -52,9 +52,13 @@ class Episodes:
         task: the same.
         plant: what is stepped.
         node: where the episode is.
+
+    Raises:
+        SettingsError: task is none.
     """
 
     def __init__(self, task: TrackingTask) -> None:
+        check_task(task)
         self.task, windows = task, task.windows
         self.plant = MujocoPlant(
             task.model, windows.physics_dt, surroundings=windows.surroundings, integrator=windows.scheme.name
@@ -122,13 +126,42 @@ class Episodes:
         return {name: np.clip(values, low[name], high[name]) for name, values in observation.items()}
 
 
+def check_task(task: object) -> None:
+    """Raise SettingsError unless this is a `TrackingTask`."""
+    if not isinstance(task, TrackingTask):
+        raise SettingsError(f"a task is a TrackingTask; got {type(task).__name__}: use TrackingTask(model, motion)")
+
+
+def generator(random: Any, name: str) -> np.random.Generator:
+    """A random generator of a seed or a generator; None: one of its own.
+
+    Raises:
+        SettingsError: it is neither.
+    """
+    try:
+        return np.random.default_rng(random)
+    except (TypeError, ValueError):
+        raise SettingsError(f"{name} must be a seed, 0 or more, or a generator; got {random!r}") from None
+
+
+def check_count(name: str, value: object, least: int) -> None:
+    """Raise SettingsError unless a value is a whole number, at least so large."""
+    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
+        raise SettingsError(f"{name} must be a whole number, at least {least}; got {value!r}")
+
+
 def checked(excitation: ArrayLike, limits: Array) -> Array:
     """(n_muscle,) an excitation, clipped to limits (n_muscle, 2).
 
     Raises:
         SettingsError: it has another shape, or is not finite.
     """
-    u = np.asarray(excitation, dtype=np.float64)
+    try:
+        u = np.asarray(excitation, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise SettingsError(
+            f"an action is one excitation a muscle, {len(limits)} numbers; got {excitation!r}"
+        ) from None
     if u.shape != (len(limits),):
         raise SettingsError(f"an action is one excitation a muscle, {len(limits)} numbers; got shape {u.shape}")
     if not np.isfinite(u).all():
@@ -147,7 +180,15 @@ def returns(task: TrackingTask, policies: dict[str, Policy], *, n: int = 10, see
 
     Returns:
         By name an array (n, 3): return, windows that the episode lasted, and windows that it might have.
+
+    Raises:
+        SettingsError: n or seed outside its valid values; no task, or policies that are no dict of functions.
     """
+    check_task(task)
+    check_count("n", n, 1)
+    check_count("seed", seed, 0)
+    if not isinstance(policies, dict) or not all(callable(policy) for policy in policies.values()):
+        raise SettingsError(f"policies are functions by name, in a dict; got {policies!r}")
     episodes, found = Episodes(task), {}
     for name, policy in policies.items():
         rows = []

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mjhcmc.environments.episodes import check_task
 from mjhcmc.environments.remaining import remaining
-from mjhcmc.environments.task import TrackingTask
-from mjhcmc.errors import SettingsError
+from mjhcmc.environments.task import TrackingTask, check_solution
+from mjhcmc.errors import DivergedError, SettingsError, SimulationError
 from mjhcmc.lockstep import Lockstep
 from mjhcmc.methods.hcmc import Hcmc
 from mjhcmc.methods.record import diverged
 from mjhcmc.methods.run import Driver, Team
+from mjhcmc.methods.windows import Windows
 from mjhcmc.plant import State
 from mjhcmc.sharing import share
 from mjhcmc.solution import Solution
@@ -23,14 +26,16 @@ Array = NDArray[np.float64]
 
 _SAME_TIME = 1e-6  # s
 _SAME = 1e-9  # rad, m, rad/s ...: the state that was expected
+_FINER = (1, 4, 16)  # parts of the physics step by which an answer is looked for, as in a solve
 
 
 @dataclass(frozen=True, eq=False)
 class Expert:
     """A solution's excitations, node by node, whatever the state: open loop.
 
-    An environment has no reserves. Of a solution by ``hcmc(..., reserves=False)`` the environment shows the solution's
-    own tracking errors, to rounding; of one with reserves it shows what these held back.
+    An environment has no reserves. Of a solution by ``hcmc(..., reserves=False, physics_dt=task.settings.physics_dt)``
+    the environment shows the solution's own tracking errors, to rounding; of one with reserves it shows what these held
+    back, of one with another physics step what that changes.
 
     Attributes:
         excitation: (N, n_muscle).
@@ -41,8 +46,18 @@ class Expert:
     time: Array
 
     @classmethod
-    def of(cls, solution: Solution) -> Expert:
-        """That of a solution."""
+    def of(cls, solution: Solution, task: TrackingTask) -> Expert:
+        """That of a solution.
+
+        Args:
+            solution: of the task's model, motion and dt.
+            task: that it is to do.
+
+        Raises:
+            SettingsError: the solution is of something else.
+        """
+        check_task(task)
+        check_solution(solution, task)
         return cls(solution.excitation, solution.time)
 
     def __call__(self, node: int, state: State) -> Array:
@@ -65,8 +80,11 @@ class FeedbackExpert:
     """HCMC, asked at each window from the state that the model is in.
 
     Where the state is what the last window was to end in, the method goes on as in a solve, so that an undisturbed
-    episode from the motion's beginning is ``hcmc(..., reserves=False)`` to the last bit. Where it is not (another
-    policy acted, something pushed), it begins anew from there.
+    episode from the motion's beginning is ``hcmc(..., reserves=False)`` with the task's physics step, to the last bit.
+    Where it is not (another policy acted, something pushed), it begins anew from there.
+
+    Where the physics step is too long for the muscles' damping in a window, the answer is looked for with a quarter
+    and a sixteenth of it; the environment keeps its own.
 
     Args:
         task: the task.
@@ -77,7 +95,7 @@ class FeedbackExpert:
         choices: how moments are shared: cost, weights, ... (see `mjhcmc.sharing.share`).
 
     Raises:
-        SettingsError: a setting outside its valid values.
+        SettingsError: an unknown choice, or a setting outside its valid values.
     """
 
     def __init__(
@@ -90,28 +108,67 @@ class FeedbackExpert:
         authority: float = 0.15,
         **choices: Any,
     ) -> None:
+        check_task(task)
+        known = list(inspect.signature(share).parameters)[1:]
+        for name in choices:
+            if name not in known:
+                raise SettingsError(
+                    f"{name!r} is no setting of the expert: choose among trials, tolerance, gain, authority, "
+                    f"{', '.join(known)}"
+                )
         self._method = Hcmc(False, trials, tolerance, gain, authority)
         whole = task.windows
         self._windows = replace(whole, sharing=share(task.model, **choices)) if choices else whole
-        self._plants = Lockstep(
-            [task.model], whole.physics_dt, [whole.surroundings], integrator=whole.scheme.name
-        )  # fmt: skip
-        self._team: Team | None = None
-        self._driver: Driver | None = None
-        self._first = self._next = -1
-        self._expected: State | None = None
+        self._solves: dict[int, _Solve] = {}
 
     def __call__(self, node: int, state: State) -> Array:
         """The excitation (n_muscle,) of the window that begins at a node, in a state.
 
         Raises:
             SettingsError: no window begins there.
-            SimulationError: the model runs away from there, whatever the muscles do.
+            DivergedError: the method finds no way on: what it tries runs away, at a sixteenth of the step too.
         """
         if not 0 <= node < self._windows.count:
             raise SettingsError(f"the motion has {self._windows.count} windows: none begins at node {node}")
+        for parts in _FINER:
+            found = self._solve(parts).answer(node, state)
+            if not isinstance(found, SimulationError):
+                return found
+        raise DivergedError(
+            f"HCMC finds no excitation for the window at {self._windows.reference.time[node]:.4g} s: from this state "
+            f"the simulation diverged, also with physics_dt {self._windows.physics_dt / _FINER[-1]:.2g} s: end the "
+            "episode here"
+        )
+
+    def _solve(self, parts: int) -> _Solve:
+        """The solve with that part of the physics step; most tasks never ask for more than the first."""
+        if parts not in self._solves:
+            windows = self._windows if parts == 1 else self._windows.finer(parts)
+            self._solves[parts] = _Solve(self._method, windows)
+        return self._solves[parts]
+
+
+class _Solve:
+    """A solve that can be taken up at any node, from any state."""
+
+    def __init__(self, method: Hcmc, windows: Windows) -> None:
+        self._method, self._windows = method, windows
+        self._plants = Lockstep(
+            [windows.model], windows.physics_dt, [windows.surroundings], integrator=windows.scheme.name
+        )
+        self._team: Team | None = None
+        self._driver: Driver | None = None
+        self._first = self._next = -1
+        self._expected: State | None = None
+
+    def answer(self, node: int, state: State) -> Array | SimulationError:
+        """The excitation (n_muscle,) of the window that begins at a node, or why there is none."""
         if not self._goes_on(node, state):
-            self._begin(node, state)
+            self._expected = None
+            try:
+                self._begin(node, state)
+            except SimulationError as error:
+                return error
         team, driver = self._team, self._driver
         assert team is not None
         assert driver is not None
@@ -119,7 +176,7 @@ class FeedbackExpert:
         ends = driver.window(node - self._first, ids, self._plants.rows([state]))
         if team.errors or not np.isfinite(ends).all():
             self._expected = None
-            raise team.errors.get(0) or diverged(team.windows[0], node - self._first)
+            return team.errors.get(0) or diverged(team.windows[0], node - self._first)
         self._next, self._expected = node + 1, self._plants.layout.state(ends[0])
         return np.array(team.excitation[0])
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mjhcmc.environments.episodes import Episodes
 from mjhcmc.environments.task import TrackingTask
-from mjhcmc.errors import OutputError, SettingsError
+from mjhcmc.errors import SettingsError
 
 try:
     import gymnasium
@@ -37,8 +37,8 @@ class TrackingEnv(gymnasium.Env[Any, Array]):
 
     Actions are excitations (n_muscle,) within what the model lets through; others are clipped. Observations are one
     array, named by ``task.observation_names``, or a dict of the task's parts. ``reset(options={"node": k})`` begins at
-    node k. ``info`` holds time (s), node, tracking_error (nz,), and what makes the reward, tracking and effort; see
-    `TrackingTask.terms`.
+    node k. ``info`` holds time (s), node, tracking_error (nz,), and what makes the reward, tracking and effort, where
+    the window ends or the episode begins; see `TrackingTask.terms`.
 
     Args:
         model: or what `MuscleModel.load` takes.
@@ -81,7 +81,7 @@ class TrackingEnv(gymnasium.Env[Any, Array]):
         _check_camera(task.model, camera)
         self.render_mode, self._flat = render_mode, flat
         self._size, self._camera = (height, width), camera
-        self._renderer: Any = None
+        self._canvas: Any = None
         self.metadata = {**self.metadata, "render_fps": round(1 / task.settings.dt)}
         self._episodes = Episodes(task)
         self.action_names = task.model.muscle_names
@@ -114,13 +114,15 @@ class TrackingEnv(gymnasium.Env[Any, Array]):
             SettingsError: an unknown option, or no window begins at the node.
         """
         super().reset(seed=seed)
+        if not isinstance(options, (dict, type(None))):
+            raise SettingsError(f"reset takes its options in a dict, such as {{'node': 3}}; got {options!r}")
         options = dict(options or {})
         node = options.pop("node", None)
         if options:
             raise SettingsError(f"reset knows no option {next(iter(options))!r}: it takes 'node'")
         observation = self._episodes.reset(self.np_random, node)
-        error = self.task.tracking_error(self.node, self.state)
-        return self._seen(observation), self._info(error, 0.0, 0.0)
+        error, terms = self.task.tracking_error(self.node, self.state), self.task.terms(self.node, self.state)
+        return self._seen(observation), self._info(error, *terms)
 
     def step(self, action: Array) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """One window under an action; see `gymnasium.Env.step`.
@@ -150,17 +152,12 @@ class TrackingEnv(gymnasium.Env[Any, Array]):
             return None
         import mujoco
 
+        from mjhcmc.offscreen import Canvas
+
         m = self._episodes.plant.mj_model
-        if self._renderer is None:
+        if self._canvas is None:
             height, width = self._size
-            m.vis.global_.offwidth = max(m.vis.global_.offwidth, width)
-            m.vis.global_.offheight = max(m.vis.global_.offheight, height)
-            try:
-                self._renderer = mujoco.Renderer(m, height, width)
-            except Exception as error:  # each OpenGL back end raises its own kind
-                raise OutputError(
-                    f"no OpenGL context ({error}): set MUJOCO_GL to egl or osmesa and install that library"
-                ) from error
+            self._canvas = Canvas(m, width, height)
         data = mujoco.MjData(m)  # looking must not change what is stepped
         state = self.state
         data.qpos[:], data.act[self.task.model.act_index] = state.qpos, state.activation
@@ -168,15 +165,14 @@ class TrackingEnv(gymnasium.Env[Any, Array]):
         looks = mujoco.MjvOption()
         looks.flags[mujoco.mjtVisFlag.mjVIS_ACTUATOR] = True  # with mjVIS_ACTIVATION: tendons take the colour of act
         looks.flags[mujoco.mjtVisFlag.mjVIS_ACTIVATION] = True
-        camera = self._camera if self._camera is not None else 0 if m.ncam else -1
-        self._renderer.update_scene(data, camera=camera, scene_option=looks)
-        return self._renderer.render()
+        camera = self._camera if self._camera is not None else 0 if m.ncam else None
+        return self._canvas.picture(m, data, camera, looks)
 
     def close(self) -> None:
-        """Let go of the renderer."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        """Let go of the canvas."""
+        if self._canvas is not None:
+            self._canvas.close()
+            self._canvas = None
 
 
 def _check_camera(model: MuscleModel, camera: str | None) -> None:

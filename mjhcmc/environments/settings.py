@@ -24,21 +24,23 @@ class Settings:
 
     Attributes:
         dt: s, control window: excitation is constant over it.
-        physics_dt: s, physics step; it divides dt.
+        physics_dt: s, physics step; it divides dt. None: 1 ms, or the part of it that is stable where all muscles are
+            fully active; the task's settings hold the one found.
         integrator: of the plant, see `mjhcmc.integrators`.
         start: ``"beginning"`` of the motion, or at a ``"random"`` node of it.
-        noise: rad (slides: m), standard deviation of tracked positions at the start about the motion.
+        noise: rad (slides: m), standard deviation of tracked positions at the start about the motion. No position is
+            moved by more than half its bound, whatever the noise, nor out of its joint's range.
         preview: windows ahead for which the desired motion is observed, beside now.
         muscle_paths: whether musculotendon lengths and velocities are observed.
         error_scale: rad, tracking error that costs a hinge 63 % of its reward.
         error_scale_slide: m, the same of slides.
         effort_weight: share of the reward that is for little effort, within 0..1.
-        bound: rad, tracking error of a hinge beyond which an episode is lost.
+        bound: rad, tracking error of a hinge beyond which an episode is lost; infinite: it never is.
         bound_slide: m, the same of slides.
     """
 
     dt: float = 0.01
-    physics_dt: float = 0.001
+    physics_dt: float | None = None
     integrator: str = "rk4"
     start: str = "beginning"
     noise: float = 0.0
@@ -54,7 +56,10 @@ class Settings:
         """Check the values."""
         for name in ("dt", "physics_dt", "error_scale", "error_scale_slide", "bound", "bound_slide"):
             value = getattr(self, name)
-            if not (is_number(value) and 0 < value < math.inf):
+            if name == "physics_dt" and value is None:
+                continue
+            endless = name.startswith("bound")
+            if not (is_number(value) and value > 0 and (value < math.inf or (endless and value == math.inf))):
                 raise SettingsError(f"{name} must be a positive number; got {value!r}")
         if not (is_number(self.noise) and 0 <= self.noise < math.inf):
             raise SettingsError(f"noise must be 0 or positive; got {self.noise!r}")
@@ -67,6 +72,8 @@ class Settings:
         if self.start not in STARTS:
             raise SettingsError(f"start must be one of {', '.join(STARTS)}; got {self.start!r}")
         scheme_of(self.integrator)
+        if self.physics_dt is None:
+            return
         steps = self.dt / self.physics_dt
         if abs(steps - round(steps)) > _DIVIDES * steps or round(steps) < 1:
             n = max(1, math.ceil(steps))

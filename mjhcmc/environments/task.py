@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 from mjhcmc.cosine import COSINE_PERIODS
 from mjhcmc.environments.remaining import remaining
 from mjhcmc.environments.settings import Settings
+from mjhcmc.environments.stiffness import USUAL_STEP, with_stable_step
 from mjhcmc.errors import MotionError, SettingsError
 from mjhcmc.methods.run import static_start
 from mjhcmc.methods.windows import prepare
@@ -73,8 +74,9 @@ class TrackingTask:
     Attributes:
         model: the model.
         motion: the motion.
-        settings: the choices.
+        settings: the choices, with the physics step that is taken.
         windows: the motion's windows, as the methods see them.
+        solution: in whose states episodes begin, or None.
         n_window: how many.
         parts: name and shape of what is observed, in order.
 
@@ -83,6 +85,8 @@ class TrackingTask:
         ModelError: the model cannot be loaded, or its root floats: what holds it up is no muscle's doing.
         MotionError: the motion does not fit the model.
         SimulationError: the physics step is unstable under the model's passive damping.
+
+    A physics step of the user's own that is unstable where all muscles are fully active is told by an `MjhcmcWarning`.
     """
 
     def __init__(
@@ -94,15 +98,18 @@ class TrackingTask:
         solution: Solution | None = None,
         **settings: Any,
     ) -> None:
-        self.settings = s = Settings.of(settings)
+        s = Settings.of(settings)
         self.model = model = MuscleModel.load(model, integrator=s.integrator)
         self.motion = motion = _motion(motion, model)
         _check_root(model)
-        self.windows = prepare(model, motion, s.dt, s.physics_dt, loads=loads, integrator=s.integrator)
+        step = USUAL_STEP if s.physics_dt is None else s.physics_dt
+        windows = prepare(model, motion, s.dt, step, loads=loads, integrator=s.integrator)
+        self.windows = with_stable_step(windows, given=s.physics_dt is not None)
+        self.settings = replace(s, physics_dt=self.windows.physics_dt) if s.physics_dt is None else s
         self.n_window, self._space = self.windows.count, model.coordinates
         if solution is not None:
-            _check_solution(solution, self)
-        self._solution, target = solution, self.windows.target
+            check_solution(solution, self)
+        self.solution, target = solution, self.windows.target
         self._qpos, self._qvel = target.qpos, self._space.of(target.qvel)
         hinge = self._space.of(model.dof_is_rotation)
         self._scale = np.where(hinge, s.error_scale, s.error_scale_slide)
@@ -150,7 +157,7 @@ class TrackingTask:
     def bounds(self) -> tuple[dict[str, Array], dict[str, Array]]:
         """Lowest and highest value of each part; what is observed is clipped to them.
 
-        They lie far beyond where an episode ends: only a model that runs away within a window meets them.
+        They lie far beyond the usual bounds, where an episode ends: only a model that runs away meets them.
         """
         low, high = self._qpos.min(axis=0) - _FAR, self._qpos.max(axis=0) + _FAR
         most = {name: np.full(shape, _FAST) for name, shape in self.parts.items()}
@@ -234,7 +241,8 @@ class TrackingTask:
         """
         if node is None:
             node = int(rng.integers(self.n_window)) if self.settings.start == "random" else 0
-        if not (isinstance(node, (int, np.integer)) and 0 <= node < self.n_window):
+        whole = isinstance(node, (int, np.integer)) and not isinstance(node, bool)
+        if not (whole and 0 <= node < self.n_window):
             raise SettingsError(f"node must be one of 0 .. {self.n_window - 1}, where a window begins; got {node!r}")
         state = self._start_at(int(node))
         return int(node), self._disturbed(state, rng) if self.settings.noise else state
@@ -242,7 +250,7 @@ class TrackingTask:
     def _start_at(self, node: int) -> State:
         """The state in which episodes begin at a node; each is found once."""
         if node not in self._starts:
-            known = self._solution
+            known = self.solution
             self._starts[node] = self._found_start(node) if known is None else known.state(node)
         return self._starts[node]
 
@@ -294,7 +302,16 @@ def _check_root(model: MuscleModel) -> None:
         )
 
 
-def _check_solution(solution: Solution, task: TrackingTask) -> None:
+def check_solution(solution: Solution, task: TrackingTask) -> None:
+    """Refuse a solution that is not of the task's model, motion and dt.
+
+    Raises:
+        SettingsError: naming what differs.
+    """
+    from mjhcmc.solution import Solution
+
+    if not isinstance(solution, Solution):
+        raise SettingsError(f"a solution is a Solution; got {type(solution).__name__}: use Solution.load")
     windows = task.windows
     if solution.muscle_names != task.model.muscle_names or solution.coordinate_names != task.model.joint_names:
         raise SettingsError(

@@ -246,5 +246,5 @@ def _package(module: str, distribution: str) -> Any:
     except ImportError as error:
         extra = "engines" if module == "casadi" else "precision"
         raise SettingsError(
-            f"the package {distribution} is not installed: pip install {distribution}, or 'mjhcmc[{extra}]'"
+            f'the package {distribution} is not installed: pip install {distribution}, or "mjhcmc[{extra}]"'
         ) from error

@@ -90,6 +90,14 @@ class Calibration:
     converged: bool
     message: str
 
+    def __repr__(self) -> str:
+        """One line; `values` are what was found."""
+        ended = "converged" if self.converged else f"not converged: {self.message}"
+        return (
+            f"Calibration({len(self.names)} parameters, {int(self.identified.sum())} of them identified, residual "
+            f"{self.residual:.3g}, {self.evaluations} evaluations, {ended})"
+        )
+
     @property
     def identified(self) -> NDArray[np.bool_]:
         """(p,) parameters that the data tell: twice as well known as before, and within the bounds."""

@@ -74,6 +74,11 @@ class Gradient:
     reserve: Array = field(repr=False)
     margin: Array = field(repr=False)
 
+    def __repr__(self) -> str:
+        """One line."""
+        windows, muscles, _ = self.excitation.shape
+        return f"Gradient({len(self.names)} parameters, {windows} windows, {muscles} muscles)"
+
     @property
     def relative(self) -> Array:
         """(N, n_muscle, p) change of excitation with a relative growth of each parameter; directions as they are."""

@@ -170,7 +170,7 @@ def _through_ezc3d(path: Path) -> Any:
     try:
         import ezc3d
     except ImportError:
-        raise MotionError(f"{path}: ezc3d, which reads .c3d, is not installed: pip install 'mjhcmc[c3d]'") from None
+        raise MotionError(f'{path}: ezc3d, which reads .c3d, is not installed: pip install "mjhcmc[c3d]"') from None
     try:
         return ezc3d.c3d(str(path))
     except Exception as error:  # of many kinds: C++ exceptions as they come

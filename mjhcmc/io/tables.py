@@ -123,7 +123,7 @@ def to_xarray(solution: Solution) -> xr.Dataset:
     try:
         import xarray as xr
     except ImportError as error:
-        raise OutputError("xarray is not installed: pip install 'mjhcmc[netcdf]'") from error
+        raise OutputError('xarray is not installed: pip install "mjhcmc[netcdf]"') from error
 
     variables: dict[str, Any] = {"status": ("window", solution.status)}
     alike = solution.coordinate_names == solution.dof_names  # then one dimension does for both
@@ -313,7 +313,7 @@ def _from_netcdf(path: Path) -> Solution:
     try:
         import xarray as xr
     except ImportError as error:
-        raise OutputError(f"{path}: xarray is not installed: pip install 'mjhcmc[netcdf]'") from error
+        raise OutputError(f'{path}: xarray is not installed: pip install "mjhcmc[netcdf]"') from error
     with xr.open_dataset(path, engine="scipy", mmap=False) as data:
         data.load()
     arrays = {attribute: data[attribute].to_numpy() for attribute, _, _ in _COLUMNS.values()}

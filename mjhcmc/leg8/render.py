@@ -40,21 +40,15 @@ def render_leg8(
     """
     import mujoco
 
+    from mjhcmc.offscreen import Canvas
+
     model = build_leg8(table=table).compile()
     data = mujoco.MjData(model)
     for joint in JOINTS:
         data.joint(joint).qpos = (angles or {}).get(joint, 0.0)
     mujoco.mj_forward(model, data)
-    try:
-        renderer = mujoco.Renderer(model, height, width)
-    except Exception as error:  # each OpenGL back end raises its own kind
-        raise OutputError(
-            f"leg8 picture: no OpenGL context ({error}): set MUJOCO_GL to egl or osmesa and install that library"
-        ) from error
-    with renderer:
-        renderer.update_scene(data, camera="side")
-        picture: NDArray[np.uint8] = renderer.render()
-    return picture
+    with Canvas(model, width, height) as canvas:
+        return canvas.picture(model, data, "side")
 
 
 def main(arguments: list[str] | None = None) -> int:

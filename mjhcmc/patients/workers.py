@@ -181,7 +181,7 @@ def on_cluster(address: str) -> Iterator[Runner]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise SettingsError("a cluster needs dask.distributed: pip install 'mjhcmc[cluster]'") from error
+        raise SettingsError('a cluster needs dask.distributed: pip install "mjhcmc[cluster]"') from error
     connect: Any = Client
     with _silent("distributed", "distributed.client"):
         try:

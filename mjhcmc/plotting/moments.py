@@ -82,8 +82,8 @@ def moment_figure(solution: Solution) -> Figure:
     candidates = tracked(solution)
     dofs, rest = most_telling(solution, [j for j in candidates if not solution.is_root[j]] or candidates)
     n_joint = len(dofs)
-    named = [_ranked(contribution[:, :, j]) for j in dofs]
-    colors = _colors(named, [ranked[: len(MUSCLE_COLORS)] for ranked in named])
+    named = [ranked_by_peak(contribution[:, :, j]) for j in dofs]
+    colors = colors_of(named, [ranked[: len(MUSCLE_COLORS)] for ranked in named])
     n_column = 1 if n_joint <= 4 else 2
     with style():
         sheet = _Sheet(
@@ -107,14 +107,14 @@ def reserve_at_nodes(solution: Solution) -> NDArray[np.float64]:
     return np.concatenate([solution.reserve, solution.reserve[-1:]])
 
 
-def _ranked(contribution: NDArray[np.float64]) -> list[int]:
+def ranked_by_peak(contribution: NDArray[np.float64]) -> list[int]:
     """Muscles that act on a joint, by their peak there, the largest first."""
     peak = np.abs(contribution).max(axis=0)
     order = np.argsort(-peak, kind="stable")
     return [int(i) for i in order if peak[i] > _NEGLIGIBLE * peak.max(initial=0.0)]
 
 
-def _colors(across: Sequence[Sequence[int]], named: Sequence[Sequence[int]]) -> list[dict[int, str]]:
+def colors_of(across: Sequence[Sequence[int]], named: Sequence[Sequence[int]]) -> list[dict[int, str]]:
     """Colors by muscle for each joint, from the muscles across each and those named there (nine at most).
 
     They follow the muscles' order in the model, not their size, so that a muscle has the same color in the figures of

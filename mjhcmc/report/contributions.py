@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.errors import SimulationError
-from mjhcmc.plotting.moments import MUSCLE_COLORS, _colors, _ranked
+from mjhcmc.plotting.moments import MUSCLE_COLORS, colors_of, ranked_by_peak
 from mjhcmc.solution import Solution
 
 Array = NDArray[np.float64]
@@ -72,8 +72,8 @@ def stacks(muscle_moment: Array, dofs: list[int]) -> list[tuple[list[int], list[
 
     A look is ``m0`` .. ``m8``, of `MUSCLE_COLORS`; a muscle has the same at every joint where that is free.
     """
-    ranked = [_ranked(muscle_moment[:, :, j]) for j in dofs]
-    colors = _colors(ranked, [muscles[: len(MUSCLE_COLORS)] for muscles in ranked])
+    ranked = [ranked_by_peak(muscle_moment[:, :, j]) for j in dofs]
+    colors = colors_of(ranked, [muscles[: len(MUSCLE_COLORS)] for muscles in ranked])
     return [
         (
             [i for i in muscles if i in own],

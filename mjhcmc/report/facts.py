@@ -54,6 +54,8 @@ def _model_words(solution: Solution) -> str:
 def _command(words: object) -> Html:
     if not words:
         return Html("")
+    if not isinstance(words, str | list):
+        return Html("")  # a run.json that somebody wrote otherwise
     text = words if isinstance(words, str) else "mjhcmc " + shlex.join(str(word) for word in words)  # type: ignore[attr-defined]
     return element(
         "div", element("code", text, id="command"),

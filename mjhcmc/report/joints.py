@@ -18,6 +18,9 @@ from mjhcmc.report.units import length, limits, load, load_unit, percent, way, w
 from mjhcmc.solution import RESERVE_SHARE, Solution, moment_scale
 from mjhcmc.verify import MAX_RESERVE_SHARE
 
+RESIDUALS = "residuals"
+"""The id of their heading."""
+
 _FOLD = {
     "dependent": "Joints that follow others",
     "prescribed": "Joints that follow the motion",
@@ -38,7 +41,7 @@ def angle_section(book: Book, solution: Solution, others: Mapping[str, Solution]
             )
             panels += own
     entries = [("desired", "desired"), ("actual", "actual, driven by muscles"), ("error", "error: actual − desired")]
-    entries += [(f"other{rank}", f"{label}: error") for rank, label in enumerate(others)]
+    entries += [(f"other{rank}", f"{label}: actual and error") for rank, label in enumerate(others)]
     text = (
         "Angles in degrees, positions in millimetres. The error has a scale of its own below. A ball joint is shown by "
         "its turn from where the motion starts."
@@ -63,7 +66,10 @@ def _angle_panel(book: Book, solution: Solution, others: Mapping[str, Solution],
     for rank, (label, other) in enumerate(others.items()):
         if name in other.dof_names:
             book.clock(f"other{rank}", other.time)
-            own = factor * other.tracking_error[:, other.dof_names.index(name)]
+            place = other.dof_names.index(name)
+            column = book.column(f"other{rank}/actual/{name}", f"other{rank}", factor * shown(other)[1][:, place])
+            lines.append(Line(column, f"{label}: {what}", f"other{rank}", unit))
+            own = factor * other.tracking_error[:, place]
             column = book.column(f"other{rank}/error/{name}", f"other{rank}", own)
             lines.append(Line(column, f"{label}: error", f"other{rank}", unit, 1))
     k = int(np.argmax(np.where(np.isfinite(error), np.abs(error), -1.0)))
@@ -119,7 +125,7 @@ def moment_section(book: Book, solution: Solution, detail: Thinned | None, why_n
             grid(panels, "large"),
             *(
                 (
-                    element("h3", "Residuals"),
+                    element("h3", "Residuals", id=RESIDUALS),
                     paragraphs(
                         "What keeps these joints on the motion beside muscles and loads from outside: small beside the "
                         "ground reaction where model and loads are complete. Where the model is a part of the body, "
@@ -183,7 +189,10 @@ def _moment_panel(
             parts.append(f"{word} {upto}{size} of it, at {solution.time[k]:.3f} s{above}")
     note = "; ".join(parts)
     below = "reserve, unmet" if unmet.any() else "reserve"
-    rows = [Row(f"{quantity} ({unit})", 3.0), Row(f"{below} ({unit})", 1.0, limits=(-most, most))]
+    rows = [
+        Row(f"{quantity} ({unit})", 3.0),
+        Row(f"{below} ({unit})", 1.0, limits=(-most, most) if np.isfinite(most) else ()),
+    ]
     return Panel(
         f"moment-{j}", name, lines, rows, 360,
         f"{title}: net joint {quantity} over time, what each muscle adds to it, and the reserve. {note}.",

@@ -13,8 +13,8 @@ from mjhcmc.report.markup import Html, element, paragraphs, section
 from mjhcmc.report.panel import Line, Panel, Row, grid, key_of
 from mjhcmc.report.series import Book, spans
 from mjhcmc.report.units import short
-from mjhcmc.report.words import saturated
-from mjhcmc.solution import Solution, WindowStatus
+from mjhcmc.report.words import STATUS_WORD, saturated
+from mjhcmc.solution import Solution
 
 MOST_OTHERS = 4
 """Solutions drawn beside the first: there are so many colours and dashes."""
@@ -73,6 +73,7 @@ def excitation_panels(
         book.clock("emg", emg.time)
     for rank, (_, other) in enumerate(others.items()):
         book.clock(f"other{rank}", other.time)
+        book.clock(f"other{rank} windows", other.time[:-1], float(other.time[-1]))
     top = top_of(solution, others)
     panels = []
     for i, name in enumerate(solution.muscle_names):
@@ -88,8 +89,12 @@ def excitation_panels(
         ]  # fmt: skip
         for rank, (label, other) in enumerate(others.items()):
             if name in other.muscle_names:
-                values = other.activation[:, other.muscle_names.index(name)]
-                column = book.column(f"other{rank}/activation/{name}", f"other{rank}", values)
+                place = other.muscle_names.index(name)
+                column = book.column(
+                    f"other{rank}/excitation/{name}", f"other{rank} windows", other.excitation[:, place]
+                )
+                lines.append(Line(column, f"{label}: excitation", f"other{rank}", step=True))
+                column = book.column(f"other{rank}/activation/{name}", f"other{rank}", other.activation[:, place])
                 lines.append(Line(column, f"{label}: activation", f"other{rank}"))
         notes = [_peak_note(solution, i)]
         if emg is not None and name in measured:
@@ -110,7 +115,11 @@ def excitation_panels(
 
 def top_of(solution: Solution, others: Mapping[str, Solution]) -> float:
     """To which all panels reach: the least of .2, .5 and 1 that no muscle exceeds."""
-    values = [solution.excitation, solution.activation, *(one.activation for one in others.values())]
+    values = [
+        solution.excitation,
+        solution.activation,
+        *(values for one in others.values() for values in (one.excitation, one.activation)),
+    ]
     highest = max(float(np.nanmax(each, initial=0.0)) for each in values)
     return next((top for top in _TOPS if top > highest), 1.0)
 
@@ -145,8 +154,8 @@ def emg_words(emg: EmgComparison) -> list[str]:
     )
     if {"r", "r_best", "above_others"} <= set(median):
         text += (
-            f" Over all muscles the median r is {median['r']:.2f}, best {median['r_best']:.2f}; that is "
-            f"{median['above_others']:+.2f} above muscles that the channels do not measure."
+            f" In the median over muscles r is {median['r']:.2f} and best r {median['r_best']:.2f}; best r is "
+            f"{median['above_others']:+.2f} above that of the channel with muscles which it does not measure."
         ).replace("-", "−")
     return [text]
 
@@ -164,15 +173,10 @@ def _key(
     entries = [("excitation", "excitation"), ("activation", "activation")]
     if emg is not None:
         entries.append(("emg", "EMG envelope, scaled"))
-    entries += [(f"other{rank}", f"{label}: activation") for rank, label in enumerate(others)]
+    entries += [(f"other{rank}", f"{label}: activation, and thin: excitation") for rank, label in enumerate(others)]
     if saturated(solution).any():
         entries.append(("saturated", "at full excitation"))
-    words = {
-        WindowStatus.RESERVE: "reserve in use",
-        WindowStatus.UNMET: "moment unmet",
-        WindowStatus.STIFF: "too stiff for the step",
-    }
-    if kinds := [word for status, word in words.items() if (solution.status == status).any()]:
+    if kinds := [word for status, word in STATUS_WORD.items() if (solution.status == status).any()]:
         entries.append(("flagged", f"window flagged: {', '.join(kinds)}"))
     return entries
 

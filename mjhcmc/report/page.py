@@ -8,6 +8,8 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from mjhcmc.emg import Emg
 from mjhcmc.emg_comparison import EmgComparison, compare_emg
 from mjhcmc.errors import MjhcmcError, SettingsError
@@ -20,7 +22,7 @@ from mjhcmc.report.markup import Html, element, escaped, joined, json_in_script,
 from mjhcmc.report.muscles import MOST_OTHERS, excitation_section, state_section
 from mjhcmc.report.panel import Panel
 from mjhcmc.report.series import MOST_POINTS, Book, spans
-from mjhcmc.report.units import dof_name, length, percent
+from mjhcmc.report.units import dof_name, length, limits, percent
 from mjhcmc.report.words import verdict_section
 from mjhcmc.solution import Solution, WindowStatus
 
@@ -104,7 +106,8 @@ def report(
     detail, why_not = contributions.detail_of(solution)
     why_not = why_no_model or why_not
     book, panels = Book(), list[Panel]()
-    parts = [verdict_section(solution, (run or {}).get("notices", ()))]
+    notices = (run or {}).get("notices")
+    parts = [verdict_section(solution, [str(one) for one in notices] if isinstance(notices, list) else ())]
     replay, replay_html = _replay_section(solution, why_not)
     parts.append(replay_html)
     for made, own in (
@@ -178,7 +181,7 @@ def _beside(solution: Solution, others: Mapping[str, Solution]) -> Html:
     for label, one in {"this solution": solution, **others}.items():
         verdict = one.verdict
         tracked = [j for j, role in enumerate(one.roles) if role == "tracked"] or list(range(len(one.dof_names)))
-        worst = max(tracked, key=lambda j: verdict.tracking_rms[j] * (1.0 if one.dof_is_rotation[j] else 2.0))
+        worst = tracked[int(np.argmax((np.array(verdict.tracking_rms) / limits(one))[tracked]))]
         effort = float((one.activation**2).sum(axis=1).mean())
         rows.append(
             (

@@ -2,7 +2,7 @@
 
 const TIME = "mjhcmc:time";
 const STILLS = 5; // in print
-const PRINTED = { ink: "#1d2733", paper: "#ffffff", ghost: "#a8cdf0", edge: "#6b5f4c", rim: "#4a5a69", ground: "#c3cad1" };
+const PRINTED = { ink: "#1d2733", paper: "#ffffff", ghost: "#8fd6ae", edge: "#6b5f4c", rim: "#4a5a69", ground: "#c3cad1" };
 
 class Player {
   constructor(root, data) {
@@ -26,6 +26,7 @@ class Player {
     if (this.scene.count < 2) for (const name of ["slider", "play", "speed"]) this.parts[name].disabled = true;
     if (!this.scene.hasGhost) for (const name of ["factor-label", "ghost-words"]) this.parts[name].hidden = true;
     if (!data.muscles.length) this.parts.scale.hidden = true;
+    this.parts["skin-words"].hidden = !this.scene.skins.length;
     this.resetView();
     this.listen();
     this.show(this.first, false);
@@ -253,9 +254,11 @@ class Player {
   }
 
   look() {
-    const factor = Number(this.parts.factor.value), text = factor > 1 ? `desired pose, its distance drawn ${factor} times as large` : "desired pose, behind";
-    this.parts["ghost-text"].textContent = text;
-    return { ghost: this.parts.ghost.checked, factor };
+    const factor = Number(this.parts.factor.value), ghost = this.parts.ghost.checked;
+    const how = factor > 1 ? `its distance drawn ${factor} times as large` : "behind";
+    this.parts["ghost-text"].textContent = `desired pose, ${how}; ${this.data.off}`;
+    this.parts["ghost-words"].hidden = !ghost || !this.scene.hasGhost;
+    return { ghost, factor };
   }
 
   paint() {

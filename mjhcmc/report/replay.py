@@ -20,6 +20,7 @@ from mjhcmc.errors import OutputError
 from mjhcmc.report import replay_motion as motion
 from mjhcmc.report.markup import json_in_script
 from mjhcmc.report.replay_shapes import Shape, corners_of, drawn_geoms, geom_in_group, planes_of, shapes_of
+from mjhcmc.report.units import short
 from mjhcmc.viewing.colours import activation_rgba, hex_colour
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ UNKNOWN = 65535
 _SCRIPTS = ("replay_solids.js", "replay_scene.js", "replay.js")
 _COLOURS = 256
 _SKIN = 0.6  # geoms that are less opaque are drawn beneath the bones, as one
+_EXACT = 1e-9  # deg and mm: less is rounding
+_FLESH = 135  # gray: colour is for muscles and for the desired pose
 _CLOSE = 1.0  # size of what moves: solids of the world that lie farther from its middle are scenery
 
 
@@ -100,6 +103,7 @@ def _data_of(frames: Frames) -> dict[str, Any]:
     group = {int(body): g for g, body in enumerate(poses.bodies)}
     return {
         "title": frames.title,
+        "off": _off(frames),
         "time": _rounded(frames.time[chosen], 6),
         "thinned": len(chosen) < len(frames.time),
         "groups": [
@@ -170,6 +174,7 @@ def _shape(shape: Shape, group: dict[int, int]) -> dict[str, Any]:
     }
     if shape.rgba[3] < _SKIN:
         found["skin"] = round(float(shape.rgba[3]), 3)
+        found["rgb"] = [_FLESH] * 3
     if shape.kind == "mesh":
         middle = shape.points.mean(axis=0)
         span = float(np.abs(shape.points - middle).max())
@@ -180,6 +185,14 @@ def _shape(shape: Shape, group: dict[int, int]) -> dict[str, Any]:
     return found
 
 
+def _off(frames: Frames) -> str:
+    """How far the model is from the desired pose, in words."""
+    turn, way = frames.largest_error
+    pairs = ((np.rad2deg(turn), "deg"), (1e3 * way, "mm"))
+    parts = [f"{short(value)} {unit}" for value, unit in pairs if value > _EXACT]
+    return f"at most {' and '.join(parts)} off" if parts else "the same as the model's"
+
+
 def _tendons(frames: Frames, paths: list[motion.Path], group: dict[int, int]) -> list[dict[str, Any]]:
     with np.errstate(invalid="ignore"):  # activation may be unknown
         own = frames.tendon_rgba(0)
@@ -187,7 +200,8 @@ def _tendons(frames: Frames, paths: list[motion.Path], group: dict[int, int]) ->
     for path in paths:
         stops: list[Any] = [
             [group[stop[0]], *_rounded(stop[1], 5)] if isinstance(stop, tuple) else -1 if stop is None else stop
-            for stop in path.stops
+            for i, stop in enumerate(path.stops)
+            if i not in path.closed
         ]
         muscles = np.flatnonzero(frames.tendon_of_muscle == path.tendon).tolist()
         tendon: dict[str, Any] = {"stops": stops, "muscles": muscles}
@@ -258,4 +272,6 @@ def _html_of(data: dict[str, Any]) -> str:
     colours = data["colours"]
     text = (Path(__file__).parent / "replay.html").read_text(encoding="utf-8")
     stops = ", ".join(colours[i] for i in range(0, _COLOURS, 15))
+    flesh = f"rgb({_FLESH} {_FLESH} {_FLESH} / .3)"
+    text = text.replace("{{flesh}}", flesh)
     return text.replace("{{gradient}}", stops).replace("{{title}}", html.escape(data["title"], quote=True))

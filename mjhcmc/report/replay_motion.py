@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.report.replay_shapes import Shape, in_group
+from mjhcmc.viewing.gaps import gaps_of
 
 if TYPE_CHECKING:
     from mjhcmc.viewing.frames import Frames
@@ -32,10 +33,12 @@ class Path:
         tendon: its number.
         stops: a group's body and (3,) m in its frame for a site; the slot for a geom that it may wrap; None for a
             pulley, where the path divides.
+        closed: which pulleys (indices into stops) divide nothing: the path goes on there.
     """
 
     tendon: int
     stops: tuple[tuple[int, Array] | int | None, ...]
+    closed: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +100,7 @@ class View:
 
 def paths_of(model: Any) -> list[Path]:
     """The paths of all spatial tendons; slots of geoms are numbered through."""
-    found, slot = [], 0
+    found, slot, gaps = [], 0, gaps_of(model)
     for t in range(model.ntendon):
         stops: list[tuple[int, Array] | int | None] = []
         for w in range(model.tendon_adr[t], model.tendon_adr[t] + model.tendon_num[t]):
@@ -111,7 +114,9 @@ def paths_of(model: Any) -> list[Path]:
             elif kind == mujoco.mjtWrap.mjWRAP_PULLEY:
                 stops.append(None)
         if stops:
-            found.append(Path(t, tuple(stops)))
+            pulleys = [i for i, stop in enumerate(stops) if stop is None]
+            closed = frozenset(pulleys[gap.pulley] for gap in gaps if gap.tendon == t)
+            found.append(Path(t, tuple(stops), closed))
     return found
 
 

@@ -58,8 +58,14 @@ class Shape:
     @property
     def reach(self) -> Array:
         """(.., 3) m, points that bound it, in the frame of its group."""
-        if self.kind != "ellipsoid":
-            return self.points
+        if self.kind == "mesh":  # the corners of its box: some of its vertices would leave out its ends
+            low, high = self.points.min(axis=0), self.points.max(axis=0)
+            return np.array(
+                [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+            )
+        if self.kind == "capsule":
+            around = self.radius * np.concatenate([np.eye(3), -np.eye(3)])
+            return np.concatenate([end + around for end in self.points])
         centre, half = self.points[0], self.points[1:]
         return np.concatenate([centre + half, centre - half])
 

@@ -3,7 +3,7 @@
   "use strict";
   const page = JSON.parse(document.getElementById("report-data").textContent);
   const root = document.documentElement;
-  const LEFT = 46, RIGHT = 18, BOTTOM = 24; // px
+  const LEFT = 54, RIGHT = 18, BOTTOM = 24; // px
   const coarse = matchMedia("(pointer: coarse)").matches; // fingers scroll, they do not zoom
   const wanted = matchMedia("(prefers-color-scheme: dark)");
   const state = { range: page.span, stamp: 0, cursor: null };
@@ -37,7 +37,7 @@
   const looks = {
     excitation: { width: 1.1, fill: 0.17 }, activation: { width: 1.6 }, emg: { width: 4 },
     desired: { width: 5 }, actual: { width: 1.7 }, error: { width: 1.5 }, net: { width: 2.2 },
-    reserve: { width: 1, fill: 0.45 }, load: { width: 1.6, dash: "dash" }, residual: { width: 1.6 }, unmet: { width: 1.3 },
+    reserve: { width: 1, fill: 0.45 }, load: { width: 1.8, dash: "2px,3px" }, residual: { width: 1.6 }, unmet: { width: 1.3 },
     force: { width: 1.6, fill: 0.12 }, length: { width: 1.6 }, velocity: { width: 1.6 },
     other0: { width: 1.5, dash: "5px,3px" }, other1: { width: 1.5, dash: "2px,2px" },
     other2: { width: 1.5, dash: "7px,2px,2px,2px" }, other3: { width: 1.5, dash: "1px,3px" },
@@ -45,16 +45,15 @@
   // Plotly reads a few tags and entities in texts; a muscle's name is no markup
   const plain = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
   const axis = (row) => (row ? `y${row + 1}` : "y");
-  const label = (line) => ({
-    meta: [plain(line.name), plain(line.unit)],
-    hovertemplate: `%{meta[0]} %{y:.4~g}${line.unit ? " %{meta[1]}" : ""}<extra></extra>`,
-  });
+  const ofOther = (line) => line.role.startsWith("other") && line.role !== "others";
 
-  const trace = (line) => {
-    const look = looks[line.role] ?? { width: 1.5 }, own = colour(line.role);
+  // scale: what values are multiplied by, so that the axis needs no powers of ten. Labels are ours, see told().
+  const trace = (line, scale) => {
+    const look = looks[line.role] ?? { width: 1.5 }, own = colour(line.role), { x, y } = points(line);
+    const values = scale === 1 ? y : y.map((value) => (value === null ? null : value * scale));
     return {
-      type: "scatter", mode: "lines", ...points(line), ...label(line), yaxis: axis(line.row), connectgaps: false,
-      line: { color: own, width: look.width, dash: look.dash ?? "solid", shape: line.step ? "hv" : "linear" },
+      type: "scatter", mode: "lines", x, y: values, hoverinfo: "none", yaxis: axis(line.row), connectgaps: false,
+      line: { color: own, width: look.width * (line.step && ofOther(line) ? 0.6 : 1), dash: look.dash ?? "solid", shape: line.step ? "hv" : "linear" },
       ...(look.fill ? { fill: "tozeroy", fillcolor: faint(own, look.fill) } : {}),
     };
   };
@@ -64,7 +63,7 @@
     type: "scatter", mode: "lines", ...points(line), hoverinfo: "skip", line: { color: colour("seam"), width: 5 },
   }]);
 
-  // Areas above and below zero are stacked apart; the label under the pointer shows the value itself.
+  // Areas above and below zero are stacked apart.
   const stacked = (lines) => {
     const made = [];
     for (const line of lines) {
@@ -77,40 +76,55 @@
           hoverinfo: "skip", fillcolor: own, line: { width: 0.6, color: colour("seam") }, ...fill,
         });
       }
-      if (line.role === "reserve") continue; // the row below tells it
-      const told = label(line);
-      told.hovertemplate = `<span style="color:${own}">■</span> ${told.hovertemplate}`;
-      made.push({ type: "scatter", mode: "lines", x, y, line: { width: 0, color: own }, ...told });
     }
     return made;
   };
 
-  const limits = (lines, row) => {
+  const extremes = (lines) => {
     let low = Infinity, high = -Infinity;
     for (const line of lines) {
       for (const value of points(line).y) {
         if (value !== null) { low = Math.min(low, value); high = Math.max(high, value); }
       }
     }
+    return [low, high];
+  };
+  // the ends of an axis; own lines decide, others that go much farther are cut off there
+  const limits = (lines, row) => {
+    const own = lines.filter((line) => !ofOther(line));
+    let [low, high] = extremes(own.length ? own : lines);
     if (!(high >= low)) return [0, 1];
+    const [least, most] = extremes(lines), room = 2 * Math.max(high - low, row.least ?? 0);
+    [low, high] = [Math.max(least, low - room), Math.min(most, high + room)];
     if (lines.some((line) => looks[line.role]?.fill)) { low = Math.min(low, 0); high = Math.max(high, 0); } // filled from 0
     for (const y of row.limits ?? []) { low = Math.min(low, y); high = Math.max(high, y); }
     const middle = (low + high) / 2, span = Math.max(high - low, row.least ?? 0) || Math.abs(middle) * 0.2 || 1;
     return [middle - 0.56 * span, middle + 0.56 * span];
   };
 
-  const layoutOf = (panel, width) => {
+  // each row: its ends, its scale, and its label with the power of ten and what is cut off
+  const power = (n) => `10${[...`${n}`].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("")}`;
+  const axesOf = (panel) => panel.rows.map((row, i) => {
+    if (row.top) return { ends: [-0.02 * row.top, 1.05 * row.top], scale: 1, label: row.label };
+    if (panel.stack && i === 0) return { ends: null, scale: 1, label: row.label };
+    const lines = panel.lines.filter((line) => (line.row ?? 0) === i), ends = limits(lines, row);
+    const size = Math.floor(Math.log10(Math.max(Math.abs(ends[0]), Math.abs(ends[1])))), n = size > 3 || size < -2 ? size : 0;
+    const [least, most] = extremes(lines), cut = least < ends[0] || most > ends[1];
+    const label = n ? row.label.replace("(", `(${power(n)} `) : row.label;
+    return { ends: ends.map((y) => y * 10 ** -n), scale: 10 ** -n, label: cut ? `${label}, others are cut off` : label };
+  });
+
+  const layoutOf = (panel, width, axes) => {
     const soft = colour("soft"), head = panel.rows.some((row) => row.label) ? 17 : 6;
     const layout = {
       width, height: panel.height, autosize: false, margin: { l: LEFT, r: RIGHT, t: head, b: BOTTOM, autoexpand: false },
       paper_bgcolor: colour("paper"), plot_bgcolor: colour("paper"), showlegend: false,
-      hovermode: "x unified", hoversubplots: "axis", hoverdistance: -1, dragmode: coarse ? false : "zoom",
+      hovermode: "x", hoversubplots: "axis", hoverdistance: -1, dragmode: coarse ? false : "zoom",
       font: { family: "system-ui, sans-serif", size: 11, color: soft },
-      hoverlabel: { bgcolor: colour("raised"), bordercolor: colour("rule"), font: { color: colour("ink"), size: 12 }, namelength: -1 },
       xaxis: {
-        range: [...state.range], fixedrange: coarse, gridcolor: colour("grid"), zeroline: false, nticks: 6, ticks: "outside",
-        ticklen: 3, tickcolor: colour("axis"), ticksuffix: " s", showticksuffix: "last", ticklabeloverflow: "allow", hoverformat: ".3f", linecolor: colour("axis"),
-        unifiedhovertitle: { text: "%{x:.3f} s" }, anchor: axis(panel.rows.length - 1), showspikes: true, spikemode: "across",
+        range: [...state.range], fixedrange: coarse, gridcolor: colour("grid"), zeroline: false, nticks: Math.min(12, Math.max(5, Math.round(width / 45))), ticks: "outside",
+        ticklen: 3, tickcolor: colour("axis"), ticksuffix: " s", showticksuffix: "last", ticklabeloverflow: "allow", linecolor: colour("axis"),
+        anchor: axis(panel.rows.length - 1), showspikes: true, spikemode: "across",
         spikethickness: 1, spikedash: "dot", spikecolor: colour("axis"), spikesnap: "cursor",
       },
       shapes: [], annotations: [],
@@ -123,13 +137,11 @@
       layout[i ? `yaxis${i + 1}` : "yaxis"] = {
         domain: [bottom, top], fixedrange: true, gridcolor: colour("grid"), zerolinecolor: colour("axis"), zerolinewidth: 1,
         nticks: row.part >= 2 ? 6 : 4, exponentformat: "power", anchor: "x",
-        ...(row.top ? { range: [-0.02 * row.top, 1.05 * row.top], dtick: row.top / 2 }
-          : panel.stack && i === 0 ? { autorange: true }
-            : { range: limits(panel.lines.filter((line) => (line.row ?? 0) === i), row) }),
+        ...(axes[i].ends ? { range: axes[i].ends } : { autorange: true }), ...(row.top ? { dtick: row.top / 2 } : {}),
       };
       if (row.label) {
         layout.annotations.push({
-          text: plain(row.label), xref: "paper", yref: "paper", x: 0, xshift: -LEFT + 4, xanchor: "left", y: top, yanchor: "bottom",
+          text: plain(axes[i].label), xref: "paper", yref: "paper", x: 0, xshift: -LEFT + 4, xanchor: "left", y: top, yanchor: "bottom",
           showarrow: false, font: { size: 11, color: soft },
         });
       }
@@ -145,7 +157,7 @@
     panel.rows.forEach((row, i) => {
       for (const y of row.limits ?? []) {
         layout.shapes.push({
-          type: "line", x0: 0, x1: 1, xref: "paper", y0: y, y1: y, yref: axis(i), line: { color: colour("no"), width: 1, dash: "4px,3px" },
+          type: "line", x0: 0, x1: 1, xref: "paper", y0: y * axes[i].scale, y1: y * axes[i].scale, yref: axis(i), line: { color: colour("no"), width: 1, dash: "4px,3px" },
         });
       }
     });
@@ -166,10 +178,14 @@
     const canvas = plot.firstChild, first = !canvas.data;
     width ??= plot.clientWidth;
     if (!width) return;
-    const traces = [...(panel.stack ? stacked(panel.stack) : []), ...panel.lines.flatMap((line) => [...halo(line), trace(line)])];
+    const axes = axesOf(panel);
+    const traces = [
+      ...(panel.stack ? stacked(panel.stack) : []),
+      ...panel.lines.flatMap((line) => [...halo(line), trace(line, axes[line.row ?? 0].scale)]),
+    ];
     figure.dataset.stamp = state.stamp;
     figure.dataset.width = width;
-    Plotly.react(canvas, traces, layoutOf(panel, width), {
+    Plotly.react(canvas, traces, layoutOf(panel, width, axes), {
       displaylogo: false, doubleClick: false, scrollZoom: false, displayModeBar: panel.height > 200 && !coarse ? "hover" : false,
       modeBarButtons: [["toImage"]], toImageButtonOptions: { format: "png", scale: 2, filename: panel.title },
     }).catch((error) => console.error(error));
@@ -178,6 +194,8 @@
       canvas.on("plotly_doubleclick", () => setRange(page.span));
       canvas.on("plotly_click", (event) => clicked(plot, event));
       resizes.observe(plot);
+      for (const name of ["pointermove", "pointerdown"]) plot.addEventListener(name, (event) => told(panel, plot, event));
+      for (const name of ["pointerleave", "pointercancel"]) plot.addEventListener(name, () => { tip.hidden = true; });
       figure.dataset.drawn = "";
     }
   };
@@ -204,11 +222,50 @@
     if (change["xaxis.autorange"]) setRange(page.span);
     else if (range.every(Number.isFinite)) setRange(range);
   }
-  function clicked(plot, event) {
+  function timeAt(plot, event) {
     const box = plot.getBoundingClientRect(), [a, b] = state.range;
-    const at = (event.event.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT);
-    const time = Math.min(Math.max(a + at * (b - a), page.span[0]), page.span[1]);
+    return a + ((event.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT)) * (b - a);
+  }
+  function clicked(plot, event) {
+    const time = Math.min(Math.max(timeAt(plot, event.event), page.span[0]), page.span[1]);
     document.dispatchEvent(new CustomEvent("mjhcmc:time", { detail: { time, from: "plot" } }));
+  }
+  // --- values at the pointer's time: lines may have clocks of their own, so that no nearest point is of all of them ---
+  const tip = document.body.appendChild(document.createElement("div"));
+  tip.id = "tip";
+  tip.hidden = true;
+  const valueAt = (line, time) => {
+    const { x, y } = points(line), last = x.length - 1;
+    if (!(time >= x[0] && time <= x[last])) return null;
+    let low = 0, high = last;
+    while (high - low > 1) { const middle = (low + high) >> 1; if (x[middle] <= time) low = middle; else high = middle; }
+    if (time === x[last]) return y[last];
+    if (line.step || y[low] === null || time === x[low]) return y[low]; // of the window that holds it
+    return y[high] === null ? null : y[low] + ((time - x[low]) / (x[high] - x[low])) * (y[high] - y[low]);
+  };
+  const digits = (value) => { // four of them
+    const [mantissa, exponent] = value.toExponential(3).split("e").map(Number), tiny = value !== 0 && exponent < -3;
+    return (tiny ? `${mantissa}×${power(exponent)}` : `${Number(value.toPrecision(4))}`).replace("-", "−");
+  };
+  function told(panel, plot, event) {
+    const [a, b] = state.range, time = timeAt(plot, event);
+    tip.hidden = true;
+    if (!(time >= a && time <= b) || !(time >= page.span[0] && time <= page.span[1])) return;
+    const rows = [...(panel.stack ?? []).filter((line) => line.role !== "reserve"), ...panel.lines].flatMap((line) => {
+      const value = valueAt(line, time);
+      if (value === null) return [];
+      const row = document.createElement("div"), mark = document.createElement("i");
+      mark.style.background = colour(line.role);
+      row.append(mark, `${line.name} ${digits(value)}${line.unit ? ` ${line.unit}` : ""}`);
+      return [row];
+    });
+    const head = document.createElement("b");
+    head.textContent = `${time.toFixed(3)} s`;
+    tip.replaceChildren(head, ...rows);
+    tip.hidden = false;
+    const { offsetWidth: w, offsetHeight: h } = tip, right = event.clientX + 16;
+    tip.style.left = `${Math.max(4, right + w < innerWidth ? right : event.clientX - 16 - w)}px`;
+    tip.style.top = `${Math.max(4, Math.min(innerHeight - h - 4, event.clientY - h / 2))}px`;
   }
   // each line by itself: a variable of the whole page would have the browser look at every element, 60 times a second
   function put(figure) {

@@ -1,4 +1,4 @@
-"""The verdict in words: can these excitations be believed, by which thresholds, what is worst and what to try."""
+"""The verdict in words: does the simulation hold, by which thresholds, what is worst and what to try."""
 
 from __future__ import annotations
 
@@ -8,15 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.plotting.panels import readable
-from mjhcmc.report.markup import Html, bullets, element, paragraphs, section, table
+from mjhcmc.report.joints import RESIDUALS, unmet_moment
+from mjhcmc.report.markup import Html, bullets, element, joined, paragraphs, section, table
 from mjhcmc.report.series import runs
 from mjhcmc.report.units import dof_name, length, limits, load, percent, with_role
-from mjhcmc.solution import Solution, WindowStatus
+from mjhcmc.solution import Solution, WindowStatus, moment_scale
 from mjhcmc.verify import MAX_RESERVE_SHARE
 
 _SATURATED = 0.999
 _MOST = 8  # spans in a sentence
-_STATUS_WORD = {
+_CAVEAT = (
+    "This is a check of the simulation: these excitations make this model move so. Whether the person's muscles did "
+    "the same is another question, to which only measurements of that person have an answer: EMG, for one."
+)
+STATUS_WORD = {
     WindowStatus.RESERVE: "reserve in use",
     WindowStatus.UNMET: "moment unmet",
     WindowStatus.STIFF: "too stiff for the step",
@@ -35,17 +40,20 @@ def verdict_section(solution: Solution, notices: Sequence[str] = ()) -> Html:
     believed = verdict.passed
     because = "; ".join(reasons) or "the verdict that the file holds says so"
     head = (
-        "These excitations can be believed" if believed else f"These excitations cannot be believed, because {because}"
+        "The simulation holds: muscles moved the model along the motion"
+        if believed
+        else f"The simulation fails: {because}"
     )
     why = (
-        "Reserves and tracking errors keep within the thresholds at every joint, and the motion was solved to its end."
+        "Reserves and tracking errors keep within the thresholds at every joint that is left to muscles, and the "
+        "motion was solved to its end."
         if believed
-        else ""
+        else "These excitations cannot be believed."
     )
     return section(
         "verdict", "Verdict",
         element(
-            "div", element("p", f"{head}.", class_="head"), paragraphs(why),
+            "div", element("p", f"{head}.", class_="head"), paragraphs(why, _CAVEAT if believed else ""),
             class_=f"banner {'holds' if believed else 'fails'}", role="status",
         ),
         _thresholds(solution),
@@ -89,6 +97,7 @@ def _and_more(over: NDArray[np.intp]) -> str:
 def _thresholds(solution: Solution) -> Html:
     verdict = solution.verdict
     share, rms, most = np.array(verdict.peak_reserve_share), np.array(verdict.tracking_rms), limits(solution)
+    judged = _judged(solution)
     rows: list[Sequence[object]] = []
 
     def row(what: str, least: str, measured: str, holds: bool) -> None:
@@ -96,7 +105,10 @@ def _thresholds(solution: Solution) -> Html:
             (what, least, measured, element("span", "holds" if holds else "fails", class_="yes" if holds else "no"))
         )
 
-    if share.size:
+    if not _allows_reserves(solution):
+        what = f"{_largest_unmet(solution) or 'nothing was unmet'}; no reserves were allowed"
+        rows.append(("Reserve, of the peak moment", f"at most {percent(MAX_RESERVE_SHARE)}", what, "not used"))
+    elif share.size:
         j = int(np.argmax(share))
         row(
             "Reserve, of the peak moment",
@@ -105,7 +117,7 @@ def _thresholds(solution: Solution) -> Html:
             bool(share[j] <= MAX_RESERVE_SHARE),
         )
     for rotation, what in ((True, "Error of angles, RMS"), (False, "Error of positions, RMS")):
-        alike = np.flatnonzero(solution.dof_is_rotation == rotation)
+        alike = np.flatnonzero(judged & (solution.dof_is_rotation == rotation))
         if alike.size:
             j = int(alike[np.argmax(rms[alike])])
             least = f"at most {length(solution, j, most[j])}"
@@ -118,11 +130,17 @@ def _thresholds(solution: Solution) -> Html:
     )  # fmt: skip
 
 
+def _judged(solution: Solution) -> NDArray[np.bool_]:
+    """(nv,) which errors tell something: those of prescribed joints are 0 by construction."""
+    free = np.array([role != "prescribed" for role in solution.roles], dtype=np.bool_)
+    return np.asarray(free | (np.array(solution.verdict.tracking_rms) > limits(solution)))
+
+
 def _worst(solution: Solution) -> Html:
     """Worst joint, worst muscle, largest reserve: what and when."""
-    facts: list[tuple[str, str]] = []
-    part = np.array(solution.verdict.tracking_rms) / limits(solution)
-    if part.size:
+    facts: list[tuple[str, object]] = []
+    part = np.where(_judged(solution), np.array(solution.verdict.tracking_rms) / limits(solution), -1.0)
+    if part.max(initial=-1.0) >= 0:
         j = int(np.argmax(part))
         error = np.where(np.isfinite(solution.tracking_error[:, j]), solution.tracking_error[:, j], 0.0)
         k = int(np.argmax(np.abs(error)))
@@ -136,6 +154,8 @@ def _worst(solution: Solution) -> Html:
     if solution.muscle_names:
         facts.append(("Worst muscle", _worst_muscle(solution)))
     facts.append(("Largest reserve", _largest_reserve(solution)))
+    if solution.residual.any():
+        facts.append(("Residuals (not judged)", _residuals(solution)))
     items = []
     for what, text in facts:
         items += [element("dt", what), element("dd", text)]
@@ -169,17 +189,55 @@ def _worst_muscle(solution: Solution) -> str:
     )
 
 
+def _allows_reserves(solution: Solution) -> bool:
+    return bool(solution.settings.get("reserves", True)) or bool(solution.reserve.any())
+
+
+def _largest_unmet(solution: Solution) -> str:
+    """What nothing gave: the largest of it; empty where everything was given."""
+    unmet = np.abs(unmet_moment(solution))
+    unmet[:, solution.is_root] = 0.0
+    if not unmet.any():
+        return ""
+    share = unmet.max(axis=0) / moment_scale(solution.net_joint_moment)
+    j = int(np.argmax(share))
+    k = int(np.argmax(unmet[:, j]))
+    return (
+        f"up to {load(solution, j, unmet[k, j])} were unmet ({dof_name(solution, j)}, at {solution.time[k]:.3f} s; "
+        f"{percent(share[j])} of its peak moment)"
+    )
+
+
 def _largest_reserve(solution: Solution) -> str:
     share = np.array(solution.verdict.peak_reserve_share)
-    reserve = np.abs(solution.reserve)
+    reserve, unmet = np.abs(solution.reserve), _largest_unmet(solution)
+    if not _allows_reserves(solution):
+        return f"no reserves were allowed; {unmet or 'the muscles gave every moment by themselves'}"
     if not share.size or not share.any():
-        return "none: the muscles gave every moment by themselves"
+        return f"none; {unmet}" if unmet else "none: the muscles gave every moment by themselves"
     j = int(np.argmax(share))
     k = int(np.argmax(reserve[:, j]))
     return (
         f"{dof_name(solution, j)}: {load(solution, j, reserve[k, j])} at {solution.time[k]:.3f} s, {percent(share[j])} "
-        "of its peak moment"
+        f"of its peak moment{'; beside it ' * bool(unmet)}{unmet}"
     )
+
+
+def _residuals(solution: Solution) -> Html:
+    """The largest residual among forces and among moments, and where they are drawn."""
+    peak, words = np.abs(solution.residual).max(axis=0), []
+    for rotation in (False, True):
+        alike = np.flatnonzero(solution.dof_is_rotation == rotation)
+        if alike.size and peak[alike].any():
+            j = int(alike[np.argmax(peak[alike])])
+            k = int(np.argmax(np.abs(solution.residual[:, j])))
+            rms = float(np.sqrt(np.mean(solution.residual[:, j] ** 2)))
+            words.append(
+                f"{dof_name(solution, j)}: up to {load(solution, j, peak[j])}, at {solution.time[k]:.3f} s (RMS "
+                f"{load(solution, j, rms)})"
+            )
+    text = f"{'; '.join(words)}. They keep joints on the motion that are not left to muscles alone: "
+    return joined((text, element("a", "what they mean", href=f"#{RESIDUALS}"), "."), "")
 
 
 def _findings(solution: Solution) -> Html:
@@ -195,8 +253,19 @@ def _findings(solution: Solution) -> Html:
         if lines:
             parts += [element("h3", title), bullets(lines)]
     if not parts:
-        parts = [paragraphs(f"No finding: all {solution.n_window} windows went as they should.")]
+        parts = [
+            paragraphs(
+                "No finding: the only window went as it should."
+                if solution.n_window == 1
+                else f"No finding: all {solution.n_window} windows went as they should."
+            )
+        ]
     return element("div", *parts, class_="findings")
+
+
+def windows(count: int) -> str:
+    """So many windows."""
+    return f"{count} window{'s' * (count != 1)}"
 
 
 def _notices(notices: Sequence[str]) -> Html:
@@ -217,7 +286,7 @@ def status_lines(solution: Solution) -> list[str]:
         more = f" and {len(found) - _MOST} more spans" if len(found) > _MOST else ""
         count = int((solution.status == status).sum())
         lines.append(
-            f"{_STATUS_WORD[status]} in {count} of {solution.n_window} windows ({', '.join(times)}{more}): "
+            f"{STATUS_WORD[status]} in {count} of {windows(solution.n_window)} ({', '.join(times)}{more}): "
             f"{status.message}"
         )
     return lines
@@ -323,7 +392,7 @@ def _replay_words(solution: Solution) -> str:
 def _clock(solution: Solution) -> str:
     return (
         f"Times are those of the motion's own clock: {solution.time[0]:.3f} to {solution.time[-1]:.3f} s, "
-        f"{solution.n_window} windows of {1e3 * float(np.median(np.diff(solution.time))):.4g} ms. A window's reserve "
+        f"{windows(solution.n_window)} of {1e3 * float(np.median(np.diff(solution.time))):.4g} ms. A window's reserve "
         "and excitation are told at its start."
     )
 

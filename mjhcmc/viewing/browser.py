@@ -32,16 +32,20 @@ class BrowserPage:
         from mjhcmc.viewing.player import Player
 
         self.server = start_server(host, port)
-        style(self.server, "replay")
-        self.player = Player(self.server, frames)
-        gui = self.server.gui
-        look = "font-size:13px;padding:2px 12px;overflow-wrap:anywhere"
-        gui.add_html(f'<div style="{look}">{escape(frames.title)}</div>')
-        with gui.add_folder("Replay"):
-            self.player.add_playback()
-        with gui.add_folder("Muscles"):
-            self.player.add_muscles()
-        self.charts = Charts(self.server, solution)
+        try:
+            style(self.server, "replay")
+            self.player = Player(self.server, frames)
+            gui = self.server.gui
+            look = "font-size:13px;padding:2px 12px;overflow-wrap:anywhere"
+            gui.add_html(f'<div style="{look}">{escape(frames.title)}</div>')
+            with gui.add_folder("Replay"):
+                self.player.add_playback()
+            with gui.add_folder("Muscles"):
+                self.player.add_muscles()
+            self.charts = Charts(self.server, solution)
+        except BaseException:
+            stop_server(self.server)
+            raise
         self.player.start()
 
     @property
@@ -96,4 +100,7 @@ def style(server: Any, title: str) -> None:
     server.gui.set_panel_label(f"mjhcmc: {title}")
     server.gui.main_panel.dock_right()
     server.gui.main_panel.set_width(330)
-    server.scene.configure_environment_map(environment_intensity=0.6)
+    scene = server.scene  # shadows and mirrored surroundings take most of a picture's time where there is no GPU
+    scene.configure_environment_map(None)
+    scene.configure_default_lights(cast_shadow=False)
+    scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(200, 197, 192), intensity=1.8)

@@ -60,7 +60,7 @@ class Scene:
             solid = part.rgba[3] >= 1
             mesh = self._add_part(
                 found, "bodies", i, part, part.vertices, color=_faded(part.rgba),
-                opacity=None if solid else part.rgba[3], side="double" if solid else "front", cast_shadow=solid,
+                opacity=None if solid else part.rgba[3], side="double" if solid else "front",
             )  # fmt: skip
             if not solid:
                 mesh.visible = False
@@ -73,14 +73,16 @@ class Scene:
         for i, part in enumerate(self._parts):
             if self._model.body_weldid[part.body] != 0 and part.rgba[3] >= 1:
                 inside = part.vertices - _INSIDE * part.normals
-                self._add_part(found, "ghost", i, part, inside, color=GHOST, opacity=GHOST_RGBA[3], cast_shadow=False)
+                self._add_part(found, "ghost", i, part, inside, color=GHOST, opacity=GHOST_RGBA[3])
         return found
 
     def _add_part(self, found: dict[str, Any], root: str, i: int, part: Part, vertices: Array, **look: Any) -> Any:
         scene, frame = self._server.scene, f"/{root}/{part.body}"
         if frame not in found:
             found[frame] = scene.add_frame(frame, show_axes=False)
-        return scene.add_mesh_simple(f"{frame}/{i}", vertices, part.faces, receive_shadow=False, **look)
+        return scene.add_mesh_simple(
+            f"{frame}/{i}", vertices, part.faces, cast_shadow=False, receive_shadow=False, **look
+        )
 
     @property
     def has_skin(self) -> bool:
@@ -110,7 +112,7 @@ class Scene:
             plane = up * ((corners @ up).min(initial=0.0) - _BELOW), quat
         self._server.scene.add_grid(
             "/ground", infinite_grid=True, position=plane[0], wxyz=plane[1], cell_size=0.1, section_size=0.5,
-            cell_color=(225, 227, 230), section_color=(200, 204, 210), fade_distance=12.0, shadow_opacity=0.12,
+            cell_color=(225, 227, 230), section_color=(200, 204, 210), fade_distance=12.0, shadow_opacity=0.0,
             cell_thickness=0.7, section_thickness=1.0,
         )  # fmt: skip
 

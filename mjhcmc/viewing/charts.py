@@ -15,8 +15,11 @@ Array = NDArray[np.float64]
 MOST_MUSCLES, MOST_JOINTS = 12, 8
 """Charts; where a solution has more muscles, those of largest peak excitation are drawn."""
 
-EXCITATION, ACTIVATION, REFLEX = "#c4512d", "#8a93a0", "#7b3fb5"
-DESIRED, ACTUAL, RESERVE = "#266ebe", "#22262b", "#c4512d"
+EXCITATION, ACTIVATION, REFLEX = "#0072B2", "#003f62", "#D55E00"
+DESIRED, ACTUAL, ERROR, MOMENT, RESERVE = "#adb5bd", "#0072B2", "#D55E00", "#222222", "#E69F00"
+"""As in the report."""
+
+_TOPS = (0.2, 0.5)  # of charts of excitation where no muscle does more; else 1
 _HEIGHT = 78  # pixels of a chart
 _AXIS = "#868e96"
 
@@ -37,17 +40,17 @@ class Charts:
         panel = gui.add_panel()
         with panel.add_tab("Excitations"):
             self._muscle_words = gui.add_html("")
+            self._top = top_of(solution)
             n = min(len(solution.muscle_names), MOST_MUSCLES)
-            gui_charts = [self._excitation_chart(gui) for _ in range(n)]
+            self._excitations = [self._excitation_chart(gui) for _ in range(n)]
         with panel.add_tab("Joints"):
             gui.add_html(legend([("desired", DESIRED), ("muscle-driven", ACTUAL)]))
             self._angles = [_chart(gui, (DESIRED, ACTUAL)) for _ in self._joints]
-            gui.add_html(legend([("tracking error, muscle-driven minus desired", RESERVE)]))
-            self._errors = [_chart(gui, (RESERVE,)) for _ in self._joints]
+            gui.add_html(legend([("tracking error, muscle-driven minus desired", ERROR)]))
+            self._errors = [_chart(gui, (ERROR,)) for _ in self._joints]
         with panel.add_tab("Moments"):
-            gui.add_html(legend([("net joint moment", ACTUAL), ("reserve", RESERVE)]))
-            self._moments = [_chart(gui, (ACTUAL, RESERVE)) for _ in self._joints]
-        self._excitations = gui_charts
+            gui.add_html(legend([("net joint moment", MOMENT), ("reserve", RESERVE)]))
+            self._moments = [_chart(gui, (MOMENT, RESERVE)) for _ in self._joints]
         panel.dock_left()
         panel.set_width(360)
         self.panel = panel
@@ -55,28 +58,42 @@ class Charts:
 
     def _excitation_chart(self, gui: Any) -> Any:
         colours = (EXCITATION, ACTIVATION, REFLEX) if self._with_reflex else (EXCITATION, ACTIVATION)
-        return _chart(gui, colours, (0.0, 1.0), filled=2)
+        return _chart(gui, colours, (0.0, self._top), filled=(0, 2))
 
     def show(self, solution: Solution, reflex: Array | None = None) -> None:
         """Draw a solution in place of the one before."""
+        self.show_muscles(solution, reflex)
+        self.show_joints(solution)
+
+    def show_muscles(self, solution: Solution, reflex: Array | None = None) -> None:
+        """Draw its excitations and activations; all charts reach as high, see `top_of`."""
         peaks = solution.excitation.max(axis=0)
         muscles = np.arange(len(peaks))
         if len(peaks) > MOST_MUSCLES:
             muscles = np.sort(np.argsort(-peaks, kind="stable")[:MOST_MUSCLES])
         words = [("excitation", EXCITATION), ("activation", ACTIVATION)]
-        words += [("of it reflex", REFLEX)] if self._with_reflex else []
+        has_reflex = self._with_reflex and reflex is not None and bool(np.any(reflex))
+        words += [("of it reflex", REFLEX)] if has_reflex else []
         chosen = f"{len(muscles)} of {len(peaks)} muscles, largest peaks" if len(peaks) > len(muscles) else ""
         _set(self._muscle_words, "content", legend(words, chosen))
-        time, held = solution.time, held_times(solution.time)
+        time, held, top = solution.time, held_times(solution.time), top_of(solution)
+        if top != self._top:
+            self._top = top
+            for chart in self._excitations:
+                chart.scales = _scales((0.0, top))
         for chart, i in zip(self._excitations, muscles, strict=True):
             curves = [np.repeat(solution.excitation[:, i], 2), np.interp(held, time, solution.activation[:, i])]
             if self._with_reflex:
-                part = np.zeros(solution.n_window) if reflex is None else reflex[:, i]
-                curves.append(np.repeat(part, 2))
+                part = reflex[:, i] if has_reflex and reflex is not None else np.full(solution.n_window, np.nan)
+                curves.append(np.repeat(part, 2))  # not a number: no line
             _redraw(chart, solution.muscle_names[i], held, curves)
+
+    def show_joints(self, solution: Solution) -> None:
+        """Draw its joint angles, tracking errors, moments and reserves."""
+        time, held = solution.time, held_times(solution.time)
         for j, angle, error, moment in zip(self._joints, self._angles, self._errors, self._moments, strict=True):
             rotation, name = bool(solution.dof_is_rotation[j]), solution.dof_names[j]
-            unit, scale = ("deg", 180 / np.pi) if rotation else ("m", 1.0)
+            unit, scale = ("deg", 180 / np.pi) if rotation else ("mm", 1e3)
             error_now = scale * solution.tracking_error[:, j]
             desired, actual = angles_of(solution, j)
             _redraw(angle, f"{name}, {unit}", time, [scale * desired, scale * actual])
@@ -85,6 +102,12 @@ class Charts:
                 moment, f"{name}, {'N m' if rotation else 'N'}", held,
                 [np.interp(held, time, solution.net_joint_moment[:, j]), np.repeat(solution.reserve[:, j], 2)],
             )  # fmt: skip
+
+
+def top_of(solution: Solution) -> float:
+    """The least of .2, .5 and 1 that no excitation and no activation exceeds."""
+    highest = max(float(np.nanmax(each, initial=0.0)) for each in (solution.excitation, solution.activation))
+    return next((top for top in _TOPS if top > highest), 1.0)
 
 
 def tracked_joints(solution: Solution) -> list[int]:
@@ -125,24 +148,27 @@ def legend(entries: Sequence[tuple[str, str]], note: str = "") -> str:
     return f'<div style="font-size:12px;padding:6px 12px 0">{strokes}{tail}</div>'
 
 
-def _chart(gui: Any, colours: Sequence[str], limits: tuple[float, float] | None = None, filled: int = -1) -> Any:
+def _chart(
+    gui: Any, colours: Sequence[str], limits: tuple[float, float] | None = None, filled: Sequence[int] = ()
+) -> Any:
     series: list[dict[str, Any]] = [{"label": "t, s"}]
     for i, colour in enumerate(colours):
         one: dict[str, Any] = {"stroke": colour, "width": 1.5, "points": {"show": False}, "spanGaps": True}
-        if i == filled:
-            one["fill"] = colour + "40"
+        if i in filled:
+            one["fill"] = colour + "30"
         series.append(one)
     axis: dict[str, Any] = {"stroke": _AXIS, "font": "10px sans-serif", "grid": {"stroke": "#ced4da55", "width": 1}}
     axis |= {"ticks": {"show": False}, "gap": 2}
-    scales: dict[str, Any] = {"x": {"time": False}}
-    if limits is not None:
-        scales["y"] = {"range": limits}
     nothing = np.array([0.0, 1.0])
     return gui.add_uplot(
-        (nothing, *(np.zeros(2) for _ in colours)), tuple(series), title=" ", height=_HEIGHT, scales=scales,
+        (nothing, *(np.zeros(2) for _ in colours)), tuple(series), title=" ", height=_HEIGHT, scales=_scales(limits),
         axes=({**axis, "size": 16}, {**axis, "size": 34, "space": 24}), legend={"show": False},
         cursor={"drag": {"x": False, "y": False}, "y": False}, padding=(4, 12, 0, 0),
     )  # fmt: skip
+
+
+def _scales(limits: tuple[float, float] | None) -> dict[str, Any]:
+    return {"x": {"time": False}} | ({} if limits is None else {"y": {"range": limits}})
 
 
 def _redraw(chart: Any, title: str, time: Array, curves: Sequence[Array]) -> None:

@@ -16,6 +16,7 @@ from mjhcmc.checks import is_number
 from mjhcmc.errors import SettingsError, SimulationError
 from mjhcmc.plotting.panels import headline
 from mjhcmc.viewing.colours import activation_rgba
+from mjhcmc.viewing.gaps import Gap, gaps_of
 
 if TYPE_CHECKING:
     from mjhcmc.solution import Solution
@@ -142,6 +143,20 @@ class Frames:
         """The frame nearest to a time (s, on the motion's clock)."""
         return int(np.argmin(np.abs(self.time - time)))
 
+    @cached_property
+    def largest_error(self) -> tuple[float, float]:
+        """How far the model is from the desired pose at most: of rotations, rad, and of slides, m; in these frames."""
+        m = self.model
+        away = np.zeros((len(self), m.nv))
+        for row, qpos, desired in zip(away, self.qpos, self.desired, strict=True):
+            mujoco.mj_differentiatePos(m, row, 1.0, qpos, desired)
+        most = np.nan_to_num(np.abs(away)).max(axis=0, initial=0.0)
+        slides = np.zeros(m.nv, dtype=np.bool_)
+        for kind, first in zip(m.jnt_type, m.jnt_dofadr, strict=True):
+            count = {int(mujoco.mjtJoint.mjJNT_SLIDE): 1, int(mujoco.mjtJoint.mjJNT_FREE): 3}.get(int(kind), 0)
+            slides[first : first + count] = True
+        return float(most[~slides].max(initial=0.0)), float(most[slides].max(initial=0.0))
+
     def tendon_activation(self, k: int) -> Array:
         """(ntendon,) the largest activation of the muscles on each tendon in frame k; NaN where there is no muscle."""
         found = np.full(self.model.ntendon, -np.inf)
@@ -160,16 +175,24 @@ class Frames:
     def paths(self, k: int) -> tuple[Array, ...]:
         """One (points, 3) array of world coordinates (m) a tendon in frame k, from origin to insertion.
 
-        A row of NaN breaks a path that divides at a pulley; fixed tendons have no points.
+        A row of NaN breaks a path that divides at a pulley; one that divides nothing is passed over, see `gaps_of`.
+        Fixed tendons have no points.
         """
         data = self.place(self.qpos[k])
         points, what = data.wrap_xpos.reshape(-1, 3), data.wrap_obj.reshape(-1)
         found = []
-        for first, count in zip(data.ten_wrapadr, data.ten_wrapnum, strict=True):
+        for tendon, (first, count) in enumerate(zip(data.ten_wrapadr, data.ten_wrapnum, strict=True)):
             path = points[first : first + count].copy()
-            path[what[first : first + count] == _PULLEY] = np.nan
-            found.append(path)
+            pulleys = np.flatnonzero(what[first : first + count] == _PULLEY)
+            path[pulleys] = np.nan
+            closed = [pulleys[gap.pulley] for gap in self.gaps if gap.tendon == tendon]
+            found.append(np.delete(path, closed, axis=0) if closed else path)
         return tuple(found)
+
+    @cached_property
+    def gaps(self) -> tuple[Gap, ...]:
+        """Where paths leave off and go on, and pictures close the gap."""
+        return gaps_of(self.model)
 
     def place(self, qpos: Array) -> Any:
         """``mujoco.MjData`` with bodies, tendon paths, cameras and lights at these positions; the same at each call."""

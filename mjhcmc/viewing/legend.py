@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.viewing.colours import activation_rgba
+from mjhcmc.viewing.frames import Frames
 from mjhcmc.viewing.scene import GHOST_RGBA
 
 Image = NDArray[np.uint8]
@@ -19,6 +20,7 @@ HEAD, FOOT = 0.07, 0.11
 
 _DARK, _LIGHT = (32, 38, 46), (240, 243, 247)
 _BAR_STEPS = 256
+_EXACT = 1e-9  # deg and mm: less is rounding
 
 
 class Legend:
@@ -29,12 +31,15 @@ class Legend:
         height: pixels.
         title: at the top; left out where it is wider than the picture.
         speed: seconds of the motion for each second that is watched; told where it is not 1. None: a still.
-        ghost: whether there may be a ghost to explain.
+        ghost: whether there is a ghost to explain.
+        hidden: what to say of the desired pose where there is none.
     """
 
-    def __init__(self, width: int, height: int, title: str, *, speed: float | None, ghost: bool) -> None:
+    def __init__(
+        self, width: int, height: int, title: str, *, speed: float | None, ghost: bool, hidden: str = ""
+    ) -> None:
         self._size = (width, height)
-        self._title, self._ghost = title, ghost
+        self._title, self._ghost, self._hidden = title, ghost, hidden
         self._speed = "" if speed is None or speed == 1 else f"  × {speed:g}"
         self._unit = max(7, round(min(height / 34, width / 40)))  # height of letters
 
@@ -54,7 +59,7 @@ class Legend:
         draw.text((left, middle), text, font=font, fill=ink, anchor="lm")
         left += draw.textlength(text, font=font) + 2 * u
         right = self._scale(image, draw, width - 1.0 * u, middle, small, ink)
-        if self._ghost:
+        if self._ghost or self._hidden:
             self._explain(image, draw, (left, right), middle, small, ink)
         if self._title and draw.textlength(self._title, font=small) < width - 2 * u:
             head = _ink(picture[: max(1, int(0.06 * height))])
@@ -79,18 +84,28 @@ class Legend:
 
     def _explain(self, image: Any, draw: Any, room: tuple[float, float], middle: float, font: Any, ink: Any) -> None:
         """A sample of the ghost and what it is, in the middle of the room there is; nothing where that is too small."""
-        u, text = self._unit, "desired"
-        need = 1.5 * u + draw.textlength(text, font=font)
+        u, text = self._unit, "desired" if self._ghost else self._hidden
+        sample = 1.5 * u if self._ghost else 0.0
+        need = sample + draw.textlength(text, font=font)
         if need + 2 * u > room[1] - room[0]:
             return
         left = (room[0] + room[1] - need) / 2
+        draw.text((left + sample, middle), text, font=font, fill=ink, anchor="lm")
+        if not self._ghost:
+            return
         box = (int(left), int(middle - 0.4 * u), int(left + u), int(middle + 0.4 * u))
         under = np.asarray(image.crop(box), dtype=float)
         alpha, colour = GHOST_RGBA[3], 255 * np.array(GHOST_RGBA[:3])
         from PIL import Image as Images
 
         image.paste(Images.fromarray(((1 - alpha) * under + alpha * colour).astype(np.uint8)), box[:2])
-        draw.text((left + 1.5 * u, middle), text, font=font, fill=ink, anchor="lm")
+
+
+def hidden_words(frames: Frames) -> str:
+    """Of a desired pose that nowhere differs visibly: how far off it is."""
+    turn, way = frames.largest_error
+    off = [f"{value:.2g} {unit}" for value, unit in ((np.rad2deg(turn), "deg"), (1e3 * way, "mm")) if value > _EXACT]
+    return f"desired: hidden, at most {' and '.join(off)} off" if off else "desired: the same pose"
 
 
 def _ink(behind: Image) -> tuple[int, int, int]:

@@ -14,6 +14,7 @@ from mjhcmc.errors import SettingsError, SimulationError
 from mjhcmc.model import MuscleModel
 from mjhcmc.patients.groups import GROUPS
 from mjhcmc.viewing.browser import HOST, PORT, style
+from mjhcmc.viewing.echo import echo
 from mjhcmc.viewing.frames import Frames
 from mjhcmc.viewing.live_reflex import LARGEST_GAIN, LARGEST_THRESHOLD, Reflex, has_fibers
 from mjhcmc.viewing.live_solver import LiveJoint, LiveRequest, LiveResult, LiveSolver
@@ -24,7 +25,9 @@ from mjhcmc.viewing.server import serve, start_server, stop_server, url_of
 _KEPT = 50  # latencies, for their median
 _ALL = "all muscles"
 _FIRST = {"hip": 10.0, "knee": -20.0, "ankle": -10.0}  # deg: the paper's
-_PERIOD = 0.6  # s, at first
+_PERIOD = 0.3  # s, at first
+_PATIENCE = 1.0  # s, that a result waits for the browser to have drawn its excitations
+_OFTEN = 0.25  # s, at least so often the replay is that of the newest result, while one drags
 _THRESHOLD = 0.1  # lopt/s, at first
 _SHARE = 0.3  # of its range, that the first joint of other models moves at first
 
@@ -37,7 +40,9 @@ class LivePage:
         server: the ``viser.ViserServer``.
         player: plays the newest movement.
         charts: curves of the newest solution.
-        latencies: s, from a slider's event to its excitations on the page, of the last results.
+        sent: s, of the last results, from a slider's event at the server to the excitations on their way.
+        seen: s, to the answer of the browser whose slider it was that they are drawn: the way there, a picture, and the
+            way back, which stands for that of the slider's event. Nothing of results that no browser asked for.
         result: the newest.
         shown: how many results there were.
     """
@@ -46,7 +51,10 @@ class LivePage:
         from mjhcmc.viewing.charts import Charts
         from mjhcmc.viewing.player import Player
 
-        self.solver, self.latencies = solver, deque[float](maxlen=_KEPT)
+        self.solver = solver
+        self.sent, self.seen = deque[float](maxlen=_KEPT), deque[float](maxlen=_KEPT)
+        self._asker: Any = None  # the browser that moved a slider last
+        self._swapped = 0.0  # when the replay was
         self._healthy: LiveResult | None = None
         self.shown = 0
         self._has_reflex = has_fibers(solver.model)
@@ -152,21 +160,33 @@ class LivePage:
             reflex = Reflex(float(self._gain.value), float(self._threshold.value), muscles)
         return LiveRequest(amplitudes, float(self._period.value), reflex, time.perf_counter())
 
-    def _ask(self, _: Any = None) -> None:
-        self._newest.ask(self._request())
+    def _ask(self, event: Any = None) -> None:
+        request = self._request()
+        self._asker = None if event is None else event.client
+        self.player.hold(_OFTEN)
+        self._newest.ask(request)
 
     def _show(self, result: LiveResult) -> None:
-        """What matters first: the excitations; then the rest."""
-        if result.solution is not None:
+        """What matters first, the excitations, and once the browser has drawn them the rest."""
+        solution, asker = result.solution, self._asker
+        if solution is not None:
             with self.server.atomic():
-                self.charts.show(result.solution, result.reflex)
+                self.charts.show_muscles(solution, result.reflex)
             self.server.flush()
-        self.latencies.append(time.perf_counter() - result.request.asked)
-        self._latency.content = latency_words(self.latencies, result)
+        self.sent.append(time.perf_counter() - result.request.asked)
+        answered = solution is not None and asker is not None and echo(asker, _PATIENCE) is not None
+        if answered:
+            self.seen.append(time.perf_counter() - result.request.asked)
+        self._latency.content = latency_words(self.seen if answered else (), self.sent, result)
         self._verdict.content = verdict_words(result)
-        if result.solution is not None:
+        if solution is not None:
             self.result = result
-            self.player.swap(Frames.of(result.solution))
+            with self.server.atomic():
+                self.charts.show_joints(solution)
+            now = time.perf_counter()
+            if not self.busy or now > self._swapped + _OFTEN:
+                self._swapped = now
+                self.player.swap(Frames.of(solution))
         self.shown += 1
 
     def _compare(self, result: LiveResult) -> None:

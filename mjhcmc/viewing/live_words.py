@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mjhcmc.verify import MAX_RESERVE_SHARE, MAX_TRACKING_RMS, MAX_TRACKING_RMS_SLIDE
 from mjhcmc.viewing.charts import tracked_joints
 from mjhcmc.viewing.live_solver import LiveResult, LiveSolver
 
@@ -15,24 +16,31 @@ SOON = 0.1
 
 _GOOD, _BAD, _PALE = "#2b8a3e", "#c92a2a", "#868e96"
 _MOST_FINDINGS = 3
-_LEAST = 1e-3  # of a figure in the table: less is nothing
+_LEAST, _MANY = 1e-3, 10.0  # of a figure in the table: less is nothing; more needs no digit after the point
+_BIG = '<span style="font-size:17px;font-weight:600">'
 
 
-def latency_words(latencies: Sequence[float], result: LiveResult) -> str:
-    """HTML: from the slider to the page, last and median, and the solve alone.
+def latency_words(seen: Sequence[float], sent: Sequence[float], result: LiveResult) -> str:
+    """HTML: from the slider to curves that are drawn, last and median, and what of it the solve took.
 
     Args:
-        latencies: s, from what the slider said to what was sent to the page; the last is this result's.
+        seen: s, from the slider's event at the server to the browser's answer that the curves are drawn; the last is
+            this result's. None: no browser asked for it, or it did not answer.
+        sent: s, of each result, from the slider's event at the server to the excitations on their way.
         result: the newest.
     """
-    last, median = 1e3 * latencies[-1], 1e3 * float(np.median(latencies))
-    colour = _GOOD if latencies[-1] <= SOON else "inherit"
     windows = "" if result.solution is None else f", {result.solution.n_window} windows"
-    return _block(
-        f'<span style="font-size:17px;font-weight:600;color:{colour}">{last:.0f} ms</span> from slider to excitations'
-        f'<br><span style="color:{_PALE}">median of {len(latencies)}: {median:.0f} ms; '
-        f"solving alone {1e3 * result.solve_time:.0f} ms{windows}</span>"
+    if seen:
+        last = f"{_BIG}{1e3 * seen[-1]:.0f} ms</span> from slider to drawn curves, and the browser's answer"
+        middle = f"median of {len(seen)}: {1e3 * float(np.median(seen)):.0f} ms"
+    else:
+        last, middle = f"{_BIG}–</span> from slider to drawn curves: no browser answered", ""
+    server = (
+        f"server alone: {1e3 * sent[-1]:.0f} ms from slider event to excitations sent, of which solving "
+        f"{1e3 * result.solve_time:.0f} ms{windows}"
     )
+    small = "<br>".join(line for line in (middle, server) if line)
+    return _block(f'{last}<br><span style="color:{_PALE}">{small}</span>')
 
 
 def verdict_words(result: LiveResult) -> str:
@@ -42,7 +50,11 @@ def verdict_words(result: LiveResult) -> str:
     verdict = result.verdict
     assert verdict is not None
     word = f'<b style="color:{_GOOD}">holds</b>' if verdict.passed else f'<b style="color:{_BAD}">fails</b>'
-    limits = "reserves ≤ 5 % of peak moment, tracking RMS ≤ 1 deg"
+    limits = (
+        f"reserves ≤ {100 * MAX_RESERVE_SHARE:g} % of peak moment, tracking RMS ≤ {np.rad2deg(MAX_TRACKING_RMS):g} deg"
+    )
+    if result.solution is not None and not result.solution.dof_is_rotation[tracked_joints(result.solution)].all():
+        limits += f", of slides {1e3 * MAX_TRACKING_RMS_SLIDE:g} mm"
     lines = [f'{word} <span style="color:{_PALE}">{limits}</span>']
     lines += [html.escape(line) for line in [*verdict.findings[:_MOST_FINDINGS], *result.notes[:1]]]
     more = len(verdict.findings) - _MOST_FINDINGS
@@ -81,11 +93,12 @@ def numbers_of(result: LiveResult) -> dict[str, str]:
     assert verdict is not None
     joints = tracked_joints(solution)
     error, share = np.array(verdict.tracking_max)[joints], np.array(verdict.peak_reserve_share)[joints]
-    scale = np.where(solution.dof_is_rotation[joints], 180 / np.pi, 1.0)
-    worst, most = int(np.argmax(error * scale)), int(np.argmax(share))
-    unit = "deg" if solution.dof_is_rotation[joints[worst]] else "m"
+    rotation = solution.dof_is_rotation[joints]
+    worst = int(np.argmax(error / np.where(rotation, MAX_TRACKING_RMS, MAX_TRACKING_RMS_SLIDE)))
+    most = int(np.argmax(share))
+    scale, unit = (180 / np.pi, "deg") if rotation[worst] else (1e3, "mm")
     rows = {
-        "largest tracking error": f"{_figure((error * scale)[worst])} {unit}",
+        "largest tracking error": f"{_figure(scale * error[worst])} {unit}",
         "reserve / peak moment": f"{_figure(100 * share[most])} %",
         "mean excitation": f"{solution.excitation.mean():.3f}",
         "of it reflex": "0" if result.reflex is None else f"{result.reflex.mean():.3f}",
@@ -99,8 +112,12 @@ def numbers_of(result: LiveResult) -> dict[str, str]:
 
 
 def _figure(value: float) -> str:
-    """Two digits, of what can be seen."""
-    return f"{value:.2g}" if value >= _LEAST else f"< {_LEAST:g}"
+    """Two digits of what is small, and can be seen; all before the point of what is large."""
+    if not np.isfinite(value):
+        return "not known"
+    if value < _LEAST:
+        return f"< {_LEAST:g}"
+    return f"{value:.0f}" if value >= _MANY else f"{value:.2g}"
 
 
 def about_words(solver: LiveSolver, has_reflex: bool) -> str:

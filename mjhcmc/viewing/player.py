@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from mjhcmc.log import get_logger
 from mjhcmc.viewing.browser_scene import GHOST, Scene
 from mjhcmc.viewing.colours import activation_rgba, hex_colour
+from mjhcmc.viewing.echo import echo
 from mjhcmc.viewing.frames import Frames
 from mjhcmc.viewing.poses import Poses, ghost_bodies
+from mjhcmc.viewing.scene import GHOST_RGBA
 
 Array = NDArray[np.float64]
 
@@ -31,6 +33,8 @@ MAGNIFIED = 500
 
 _WORDS_RATE = 8.0  # updates a second of numbers and bars
 _SPEEDS = (0.05, 2.0)
+_PATIENCE = 0.25  # s, that a picture waits for browsers to have drawn the one before
+_SLOW = 0.06  # s: a browser that takes longer over a picture draws without a GPU, and is given time for the rest
 _WATCHED = 4.0  # s, that a movement should last on the screen, if it can
 
 _log = get_logger(__name__)
@@ -54,6 +58,8 @@ class Player:
         self._dirty, self._drawn = True, -1
         self._selected: int | None = None  # a tendon
         self._label: Any = None
+        self._taken = 0.0  # s, that browsers took for the last picture
+        self._held_until = self._last = 0.0  # on the clock of time.perf_counter
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, name="mjhcmc-player", daemon=True)
 
@@ -127,6 +133,10 @@ class Player:
         with self._lock:
             self._time, self._dirty = since, True
 
+    def hold(self, seconds: float) -> None:
+        """Leave the processor to something else for so long, if a browser draws pictures on it; 0 ends it."""
+        self._held_until = time.perf_counter() + seconds
+
     def swap(self, frames: Frames) -> None:
         """Play other frames of the same model, at the same phase."""
         poses = Poses.of(frames, pieces=self.scene.pieces)
@@ -158,8 +168,8 @@ class Player:
             passed, last = now - last, now
             try:
                 with self._lock:
-                    if not self._server.get_clients():
-                        continue  # nobody looks
+                    if not self._server.get_clients() or self._rests(now):
+                        continue  # nobody looks, or is not done with the last picture
                     if self.playing:
                         self._time += passed * float(self._speed.value)
                         if self._time > self._frames.duration:
@@ -168,8 +178,23 @@ class Player:
                     if (changed or not self.playing) and now >= words_due:
                         words_due = now + 1.0 / _WORDS_RATE
                         self._write()
+                if changed:
+                    self._wait_for_browsers()
             except Exception:  # a page that goes away must not end the others'
                 _log.exception("a frame could not be shown")
+
+    def _rests(self, now: float) -> bool:
+        """Whether a slow browser is left alone: as long as it drew, or while something more important is on its way."""
+        return self._taken > _SLOW and (now < self._last + self._taken or now < self._held_until)
+
+    def _wait_for_browsers(self) -> None:
+        """Send no picture before the last one is drawn: what a browser cannot draw would come late, and all at once."""
+        self._server.flush()
+        began = time.perf_counter()
+        for client in self._server.get_clients().values():
+            echo(client, _PATIENCE)
+        self._last = time.perf_counter()
+        self._taken = self._last - began
 
     def _draw(self) -> bool:
         k = self._frames.at(self._frames.time[0] + self._time)
@@ -260,8 +285,9 @@ def colour_legend() -> str:
         '<div style="font-size:12px;padding:4px 12px"><div style="display:flex;align-items:center;gap:8px">'
         f'<span>activation 0</span><span style="flex:1;height:9px;border-radius:3px;'
         f'background:linear-gradient(90deg,{steps})"></span><span>1</span>'
-        f'<span style="width:9px;height:9px;border-radius:3px;background:{ghost};opacity:.6;margin-left:8px"></span>'
-        "<span>ghost</span></div></div>"
+        f'<span style="width:9px;height:9px;border-radius:3px;background:{ghost};opacity:{GHOST_RGBA[3]};'
+        'margin-left:8px"></span>'
+        "<span>desired</span></div></div>"
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterable
 from typing import Any
 
 import mujoco
@@ -15,12 +16,14 @@ from mjhcmc.viewing.frames import Frames, settle
 
 Array = NDArray[np.float64]
 
-GHOST_RGBA = (0.25, 0.55, 0.62, 0.38)
+GHOST_RGBA = (0.10, 0.62, 0.36, 0.40)
+"""Green: no activation has it, nor has what rests."""
 
 MAX_GEOMS = 20_000
 
 _BACKDROP = (0.93, 0.94, 0.96, 1.0)
 _HIDDEN_GROUP = 5
+_GROUPS_SHOWN = 3  # of tendons, as MuJoCo has it
 _OPAQUE = 0.5  # alpha, from which a geom has a ghost: a ghost of skin would veil the bones
 _COINCIDE = 1e-3  # of the size of the model: nearer than that, a ghost would only flicker in what it lies on
 _WIDTH = (0.005, 0.013)  # half, m for each m of the moving part's size: of the weakest and the strongest muscle
@@ -57,6 +60,7 @@ class Stage:
         quiet(self.option)
         self._size = motion_size(frames)
         self._markers = _Markers(frames, _MARKER * self._size)
+        self._gaps = _Gaps(frames)
         self._ghost = _Ghost(self.model, _COINCIDE * self._size) if ghost else None
         self.show(0)
 
@@ -67,20 +71,31 @@ class Stage:
         self.model.tendon_rgba[:] = self.frames.tendon_rgba(k)
         settle(self.model, self.data)
 
+    def shows_ghost(self, frames: Iterable[int]) -> bool:
+        """Whether the ghost is seen in any of these frames; the last of them is the one shown afterwards."""
+        if self._ghost is None:
+            return False
+        for k in frames:
+            self.show(k)
+            if self._ghost.apart(self.frames.desired[k], self.data).any():
+                return True
+        return False
+
     def add_to(self, scene: Any) -> None:
-        """Add ghost and markers of the frame shown to a ``mujoco.MjvScene``."""
+        """Add to a ``mujoco.MjvScene`` what MuJoCo does not draw: ghost, markers, and gaps in paths closed."""
         if self._ghost is not None:
             self._ghost.add_to(scene, self.frames.desired[self.k], self.data)
         self._markers.add_to(scene, self.data, self.frames.activation[self.k])
+        self._gaps.add_to(scene, self.data)
 
     def compose(self, scene: Any, camera: Any) -> None:
         """Fill a ``mujoco.MjvScene`` with all that the frame shown has, as seen by a ``mujoco.MjvCamera``."""
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self.model, self.data, self.option, None, camera, everything, scene)
+        self.add_to(scene)
         for geom in scene.geoms[: scene.ngeom]:
             if geom.objtype == mujoco.mjtObj.mjOBJ_TENDON:
                 geom.emission, geom.specular = _GLOW, 0.1  # the colour counts, more than the light on it
-        self.add_to(scene)
         if not (self.model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX).any():
             _add_backdrop(scene, self.model)
 
@@ -123,7 +138,8 @@ def _painted(frames: Frames) -> Any:
     m.geom_rgba[veils, 3] *= _VEIL
     plain = m.geom_matid < 0
     gray = m.geom_rgba[plain, :3] @ np.array([0.299, 0.587, 0.114])
-    m.geom_rgba[plain, :3] += _FADE * (gray[:, None] - m.geom_rgba[plain, :3])
+    fade = np.where(veils[plain], 1.0, _FADE)[:, None]  # flesh is no ghost, nor a muscle
+    m.geom_rgba[plain, :3] += fade * (gray[:, None] - m.geom_rgba[plain, :3])
     m.tendon_matid[np.unique(tendons)] = -1
     m.tendon_group[np.unique(tendons)] = 0  # shown
     # radius as the root of strength: then the cross section is in proportion, as in a muscle
@@ -163,14 +179,19 @@ class _Ghost:
         self._option.tendongroup[:] = 0
         self._option.skingroup[:] = 0
 
-    def add_to(self, scene: Any, qpos: Array, actual: Any) -> None:
-        """Add what is not where it should be."""
+    def apart(self, qpos: Array, actual: Any) -> NDArray[np.bool_]:
+        """Which geoms are visibly not where these positions want them."""
         m, data, geoms = self._m, self._data, self._geoms
         data.qpos[:] = qpos
         mujoco.mj_kinematics(m, data)
         off = np.linalg.norm(data.geom_xpos[geoms] - actual.geom_xpos[geoms], axis=1)
         turn = np.linalg.norm(data.geom_xmat[geoms] - actual.geom_xmat[geoms], axis=1)
-        apart = off + turn * m.geom_rbound[geoms] > self._near
+        return np.asarray(off + turn * m.geom_rbound[geoms] > self._near)
+
+    def add_to(self, scene: Any, qpos: Array, actual: Any) -> None:
+        """Add what is not where it should be."""
+        m, data, geoms = self._m, self._data, self._geoms
+        apart = self.apart(qpos, actual)
         m.geom_group[geoms] = np.where(apart, 0, _HIDDEN_GROUP)
         if apart.any():
             bodies = mujoco.mjtCatBit.mjCAT_DYNAMIC.value
@@ -203,6 +224,28 @@ class _Markers:
             bead = _add(scene, mujoco.mjtGeom.mjGEOM_SPHERE, size, at, np.eye(3).ravel(), colour)
             if bead is not None:
                 bead.emission, bead.specular = _GLOW, 0.1
+
+
+class _Gaps:
+    """Pieces of tendons that MuJoCo leaves out, at pulleys that divide nothing."""
+
+    def __init__(self, frames: Frames) -> None:
+        self._gaps = frames.gaps
+
+    def add_to(self, scene: Any, data: Any) -> None:
+        """Add them, as thick as their tendons and in their colours."""
+        m = data.model
+        for gap in self._gaps:
+            if m.tendon_group[gap.tendon] >= _GROUPS_SHOWN:
+                continue
+            here, there = (data.site_xpos[site] for site in gap.ends)
+            piece = _add(
+                scene, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3), np.eye(3).ravel(),
+                m.tendon_rgba[gap.tendon],
+            )  # fmt: skip
+            if piece is not None:
+                mujoco.mjv_connector(piece, mujoco.mjtGeom.mjGEOM_CAPSULE, m.tendon_width[gap.tendon], here, there)
+                piece.objtype, piece.objid = mujoco.mjtObj.mjOBJ_TENDON.value, gap.tendon
 
 
 _FORWARD_OF = (np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]))  # across which, for level and for upright axes

@@ -19,7 +19,7 @@ from mjhcmc.io.files import written_whole
 from mjhcmc.viewing.camera import Margins, check_camera, make_camera, natural_aspect
 from mjhcmc.viewing.colours import activation_rgba
 from mjhcmc.viewing.frames import Frames
-from mjhcmc.viewing.legend import FOOT, HEAD, Legend
+from mjhcmc.viewing.legend import FOOT, HEAD, Legend, hidden_words
 from mjhcmc.viewing.offscreen import Canvas, gl_back_end
 from mjhcmc.viewing.scene import MAX_GEOMS, Stage
 
@@ -88,7 +88,7 @@ def write_video(
     if path.suffix.lower() == ".gif" and fps > _GIF_FPS:
         raise SettingsError(f"fps {fps:g}: a .gif shows at most {_GIF_FPS} frames a second: lower it, or write .mp4")
     if path.suffix.lower() == ".mp4" and find_spec("imageio_ffmpeg") is None:
-        raise OutputError(f"{path}: .mp4 needs imageio-ffmpeg: pip install 'mjhcmc[view]', or write .gif")
+        raise OutputError(f'{path}: .mp4 needs imageio-ffmpeg: pip install "mjhcmc[view]", or write .gif')
     frames = Frames.of(solution, fps=fps / speed, start=start, end=end)
     check_camera(frames.model, camera)
     gl_back_end()
@@ -207,7 +207,9 @@ def _pictures(
     width, height = size
     stage = Stage(frames, ghost=ghost)
     eye = make_camera(frames, camera, aspect=width / height, margins=Margins(head=HEAD, foot=FOOT))
-    legend = Legend(width, height, frames.title, speed=speed, ghost=ghost)
+    seen = stage.shows_ghost(sorted(set(which)))
+    hidden = hidden_words(frames) if ghost and not seen else ""
+    legend = Legend(width, height, frames.title, speed=speed, ghost=seen, hidden=hidden)
     with Canvas(stage.model, width, height) as canvas:
         scene = mujoco.MjvScene(stage.model, MAX_GEOMS)
         for k in which:

@@ -27,7 +27,7 @@ Split = tuple[Array, Ranks]
 
 PENALTIES = (1.0, 10.0, 100.0, 1000.0)
 TREES: tuple[dict[str, Any], ...] = ({"max_iter": 80, "max_leaf_nodes": 4}, {"max_iter": 80, "max_leaf_nodes": 12})
-EXTRA = "pip install 'mjhcmc[learn]'"
+EXTRA = 'pip install "mjhcmc[learn]"'
 
 _CANDIDATES = 8  # single features that are tried on validation
 _GRID = 48  # quantiles between which a cut may lie
