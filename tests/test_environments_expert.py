@@ -112,7 +112,7 @@ def test_it_answers_however_it_is_disturbed(leg8):
 def test_it_takes_finer_steps_where_the_tasks_are_too_long(leg8):
     """At a step that a user insists on; by the task's own steps it would find no answer somewhere on this way."""
     with pytest.warns(MjhcmcWarning, match="unstable where all muscles are fully active"):
-        t = expert_trajectories(leg8, "slow", n=1, physics_dt=1e-3, disturbance=0.3, noise=0.05, start="random")
+        t = expert_trajectories(leg8, "slow", n=1, physics_dt=1e-3, disturbance=0.3, noise=0.05, start="random", seed=4)
     assert t.metadata["given_up"] == []
     assert t.node[-1] == 179
 

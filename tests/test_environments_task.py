@@ -86,10 +86,8 @@ def test_slides_have_a_scale_of_their_own(lift):
     assert task.terms(0, state)[0] == 1.0
 
 
-def test_noise_keeps_ties(leg8):
-    model = load(TIED)
-    motion = mjhcmc.Motion.cosine(model, amplitudes={"shoulder": 0.3}, period=1.0, cycles=1)
-    task = TrackingTask(model, motion, noise=0.1)
+def test_noise_keeps_ties(tied):
+    task = TrackingTask(*tied, noise=0.1)
     starts = np.array([task.first(np.random.default_rng(seed))[1].qpos for seed in range(5)])
     assert np.ptp(starts[:, 0]) > 0.05
     q = starts[:, 0]
@@ -112,7 +110,6 @@ def test_dm_control_begins_on_the_motions_clock_and_ends_with_discount_1(leg8):
         step = env.reset()
         assert own.node > 0
         assert data.time == own.task.time[own.node]
-        np.testing.assert_array_equal(data.qacc_warmstart, 0)
         while not step.last():
             step = env.step(np.full(8, 0.1))
             assert data.time == own.task.time[own.node]
@@ -139,18 +136,37 @@ def test_a_led_physics_can_be_copied():
         pickle.dumps(env.physics)
 
 
-def test_to_look_at_muscles_changes_no_bit_of_an_episode(leg8, lift):
-    """Also where the constraint solver starts from the last step's end: the weight hangs on its limit."""
-    model, _ = lift
-    motion = mjhcmc.Motion(np.linspace(0, 0.2, 41), np.tile([-0.5, 0.0], (41, 1)))
+@pytest.fixture(scope="module")
+def tied():
+    """Two pendulums, one tied to the other: the constraint solver is at work, and starts from the last step's end."""
+    model = load(TIED)
+    return model, mjhcmc.Motion.cosine(model, amplitudes={"shoulder": 0.3}, period=1.0, cycles=1)
+
+
+def test_to_look_at_muscles_changes_no_bit_of_an_episode(tied):
     ends = []
     for paths in (False, True):
-        episodes = Episodes(TrackingTask(model, motion, muscle_paths=paths, bound=np.inf, bound_slide=np.inf))
-        episodes.reset(np.random.default_rng(0))
-        for _ in range(10):
-            episodes.step(np.array([0.05, 0.3, 0.1]))
-        ends.append(np.concatenate([episodes.state.qpos, episodes.state.qvel, episodes.state.warmstart]))
-    np.testing.assert_array_equal(*ends)
+        episodes = Episodes(TrackingTask(*tied, muscle_paths=paths, bound=np.inf))
+        for _ in range(2):  # nor does the episode before
+            episodes.reset(np.random.default_rng(0))
+            np.testing.assert_array_equal(episodes.state.warmstart, 0)
+            for _ in range(10):
+                episodes.step(np.array([0.3, 0.1]))
+            ends.append(np.concatenate([episodes.state.qpos, episodes.state.qvel, episodes.state.warmstart]))
+    assert np.any(ends[0][-2:] != 0)
+    for end in ends[1:]:
+        np.testing.assert_array_equal(end, ends[0])
+
+
+@needs_dm
+def test_dm_control_begins_with_a_fresh_constraint_solver(tied):
+    env = dm.tracking(*tied)
+    for _ in range(2):
+        env.reset()
+        np.testing.assert_array_equal(env.physics.data.qacc_warmstart, 0)
+        for _ in range(3):
+            env.step(np.array([0.3, 0.1]))
+        assert env.physics.data.qacc_warmstart.any()
 
 
 def test_info_at_the_start_is_of_the_start(leg8):

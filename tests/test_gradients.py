@@ -31,7 +31,7 @@ def test_all_24_muscle_parameters_agree_with_central_differences(model, fast):
 
 
 def test_at_the_prompt_it_is_one_line(fast):
-    assert repr(fast) == "Gradient(24 parameters, 60 windows, 8 muscles)"
+    assert repr(fast) == "Gradient(24 parameters, 20 windows, 8 muscles)"
 
 
 def test_the_solution_is_hcmc_s_converged_answer(model, fast):

@@ -85,7 +85,7 @@ def label_at(page, plot, time, solution):
     lines = [label.locator("b").inner_text(), *label.locator("div").all_inner_texts()]
     told = float(lines[0].removesuffix(" s"))
     assert told == pytest.approx(time, abs=0.003)
-    return "; ".join(lines), told
+    return " | ".join(lines), told
 
 
 def told_number(label):
@@ -122,11 +122,12 @@ def test_lines_of_other_windows_are_told_at_the_same_time(browser, leg8, fast_so
     s = fast_solution
     fine = mjhcmc.hcmc(leg8, mjhcmc.Motion.cosine(leg8, "fast"), dt=0.005)
     watched = opened(browser, write_report(s, tmp_path / "report.html", others={"fine": fine}))
-    label, time = label_at(watched.page, panel(watched.page, "excitation-6"), 0.1463, s)
+    k = int(np.argmax(np.minimum(*(np.abs(np.diff(u)) for u in (s.excitation[:, 6], fine.excitation[1::2, 6])))))
+    label, time = label_at(watched.page, panel(watched.page, "excitation-6"), s.time[k] + 0.0075, s)
     found = {name: float(value) for name, value in re.findall(r"(soleus \w+|fine: \w+) (\S+)", told_number(label))}
     for name, one in (("soleus", s), ("fine:", fine)):
         window = int(np.searchsorted(one.time, time, side="right")) - 1
-        assert abs(one.excitation[window, 6] - one.excitation[window + 1, 6]) > 1e-3 * one.excitation[window, 6]
+        assert abs(one.excitation[window, 6] - one.excitation[window + 1, 6]) > 0.01  # no other's would do
         assert found[f"{name} excitation"] == pytest.approx(one.excitation[window, 6], rel=1e-3)
         assert found[f"{name} activation"] == pytest.approx(np.interp(time, one.time, one.activation[:, 6]), rel=1e-2)
     assert watched.errors == []
@@ -136,7 +137,7 @@ def test_the_label_of_a_stack_tells_each_muscle_with_its_unit(desk, fast_solutio
     page, s = desk.page, fast_solution
     plot, k = panel(page, "moment-1"), 31
     label, time = label_at(page, plot, s.time[k], s)
-    told = dict(re.findall(r"([a-z ]+) (\S+) N m", told_number(label)))
+    told = dict(re.findall(r"([a-z][a-z ]*) (\S+) N m", told_number(label)))
     net, vasti = s.net_joint_moment[:, 1], s.detail.muscle_moment[:, s.muscle_names.index("vasti"), 1]
     for name, values in (("knee net moment", net), ("vasti", vasti)):
         off = 1e-3 * np.ptp(values)

@@ -10,12 +10,15 @@ from browser_tools import browser, watched_page
 from hypothesis import given
 from hypothesis import strategies as st
 from myo_models import myo_model
+from osim_documents import write_osim
 
 from mjhcmc.errors import OutputError
+from mjhcmc.leg8 import leg8_from_osim
 from mjhcmc.report import replay
 from mjhcmc.report.replay import ReplayPart, replay_part
 from mjhcmc.report.replay_motion import rotation_matrices, rotation_vectors
 from mjhcmc.report.replay_shapes import thinned
+from mjhcmc.report.units import short
 from mjhcmc.viewing.colours import hex_colour
 from mjhcmc.viewing.frames import Frames
 
@@ -318,6 +321,37 @@ def test_a_thinned_ball_is_still_a_ball():
     corner = points[faces]
     volume = np.einsum("fi,fi->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6
     assert volume == pytest.approx(4 / 3 * np.pi, rel=0.1)  # positive: counterclockwise from outside
+
+
+def test_a_gap_in_a_path_is_closed_and_a_pulley_divides(sorts, tmp_path):
+    write_osim(tmp_path / "own.osim")
+    model = leg8_from_osim(tmp_path / "own.osim", base="fixed").compile()
+    frames = frames_of(model, np.linspace(0, -1.2, 5)[:, None] * [0, 1, 0])
+    part = replay_part(frames)
+    read, paths = Read(part), frames.paths(3)
+    vasti = next(t for t in part.data["tendons"] if [frames.muscle_names[i] for i in t["muscles"]] == ["vasti"])
+    assert all(isinstance(stop, list) or stop >= 0 for stop in vasti["stops"])  # one strand
+    path = next(path for t, path in enumerate(paths) if model.tendon(t).name == "vasti_tendon")
+    np.testing.assert_allclose(read.path(3, vasti["stops"]), path, atol=1e-4)
+    split = replay_part(sorts).data["tendons"][1]
+    assert -1 in split["stops"]
+
+
+def test_the_first_view_holds_thick_limbs():
+    xml = '<mujoco><worldbody><body><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".2"/></body>'
+    model = mujoco.MjModel.from_xml_string(xml + "</worldbody></mujoco>")
+    view = replay_part(frames_of(model, np.linspace(-0.1, 0.1, 5)[:, None])).data["view"]
+    for axis, least in (("right", -0.2), ("up", -0.2)):
+        k = ["right", "up"].index(axis)
+        middle = np.dot(view["centre"][0], view[axis])
+        assert middle - view["half"][k] <= least + 1e-4
+    assert np.dot(view["centre"][0], view["right"]) + view["half"][0] >= 0.5 - 1e-4
+
+
+def test_how_far_off_is_told(swing, sorts):
+    assert replay_part(swing).data["off"] == f"at most {short(np.rad2deg(2e-5))} deg off"
+    same = replay_part(frames_of(sorts.model, sorts.qpos)).data["off"]
+    assert same == "the same as the model's"
 
 
 def test_the_first_view_shows_the_movement(swing, sorts):

@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from osim_documents import write_osim
 from view_tools import BALL, DRUMS, filmed, load, swinging
 
 import mjhcmc
 from mjhcmc import SettingsError, SimulationError
+from mjhcmc.leg8 import leg8_from_osim
 from mjhcmc.viewing.camera import Margins, make_camera
 from mjhcmc.viewing.clock import Clock
 from mjhcmc.viewing.colours import ACTIVE, SILENT, UNKNOWN, activation_rgba, hex_colour, oklab
 from mjhcmc.viewing.frames import Frames
+from mjhcmc.viewing.legend import hidden_words
 from mjhcmc.viewing.scene import Stage
 from mjhcmc.viewing.window import with_time_slider
 
@@ -109,6 +112,49 @@ def test_a_pulley_breaks_the_path():
     rope, ribbon = Frames.of(filmed(load(xml), spun(np.zeros(2)))).paths(0)
     assert np.isnan(rope).all(axis=1).tolist() == [False, False, True, False, False]
     np.testing.assert_allclose(rope[:2], ribbon)
+
+
+@pytest.fixture(scope="module")
+def subject_leg(tmp_path_factory):
+    """A leg of somebody's document, whose vasti leave off above the knee and go on below."""
+    path = tmp_path_factory.mktemp("osim") / "own.osim"
+    write_osim(path)
+    return mjhcmc.MuscleModel.load(leg8_from_osim(path, base="fixed"))
+
+
+def test_a_gap_in_a_path_is_closed(subject_leg):
+    frames = Frames.of(filmed(subject_leg, np.zeros((2, 3))))
+    m = frames.model
+    assert (m.wrap_type == mujoco.mjtWrap.mjWRAP_PULLEY).any()
+    vasti = frames.tendon_of_muscle[frames.muscle_names.index("vasti")]
+    path, data = frames.paths(0)[vasti], frames.place(frames.qpos[0])
+    assert np.isfinite(path).all()
+    (gap,) = (gap for gap in frames.gaps if gap.tendon == vasti)
+    ends = [data.site_xpos[site] for site in gap.ends]
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    closed = np.linalg.norm(ends[1] - ends[0])
+    assert any(np.allclose(path[i : i + 2], ends) for i in range(len(path) - 1))
+    arcs = data.ten_length[vasti] - (steps.sum() - closed)  # all the rest counts, arcs by their chords here
+    assert 0 <= arcs < 1e-4
+    # a piece as thick as the tendon and in its colour, from one end to the other
+    stage = Stage(frames)
+    scene = mujoco.MjvScene(stage.model, 1000)
+    stage.add_to(scene)
+    (piece,) = (g for g in scene.geoms[: scene.ngeom] if g.objid == vasti and g.objtype == mujoco.mjtObj.mjOBJ_TENDON)
+    np.testing.assert_allclose(piece.pos, np.mean(ends, axis=0), atol=1e-6)
+    assert 2 * piece.size[2] == pytest.approx(closed, abs=1e-6)
+    assert piece.size[0] == pytest.approx(stage.model.tendon_width[vasti])
+    np.testing.assert_allclose(piece.rgba, stage.model.tendon_rgba[vasti], atol=1e-6)
+
+
+def test_how_far_off_the_desired_pose_is_at_most():
+    turns = np.array([0.0, 0.02, 0.01])
+    frames = Frames.of(filmed(load(BALL), spun(0 * turns), spun(turns)))
+    turn, way = frames.largest_error
+    assert turn == pytest.approx(0.02 * 2 / 3, rel=1e-6)  # of the largest of its coordinates
+    assert way == 0
+    assert hidden_words(frames) == f"desired: hidden, at most {np.rad2deg(turn):.2g} deg off"
+    assert hidden_words(Frames.of(swinging())) == "desired: the same pose"
 
 
 def test_colour_is_of_activation_the_largest_on_each_tendon():

@@ -18,7 +18,7 @@ from mjhcmc.viewing.colours import activation_rgba
 from mjhcmc.viewing.frames import Frames
 from mjhcmc.viewing.legend import FOOT, HEAD, Legend
 from mjhcmc.viewing.offscreen import Canvas, gl_back_end
-from mjhcmc.viewing.scene import Stage, quiet
+from mjhcmc.viewing.scene import GHOST_RGBA, Stage, quiet
 from mjhcmc.viewing.video import write_image, write_video
 
 __all__ = ["gl"]
@@ -87,16 +87,23 @@ def test_nothing_of_mujocos_own_is_drawn_over_it():
 def test_the_legend_tells_time_speed_scale_and_ghost():
     plain = np.full((300, 400, 3), 230, np.uint8)
 
-    def written(time=0.5, title="", speed=1.0, ghost=False):
-        return Legend(400, 300, title, speed=speed, ghost=ghost).write_on(plain, time).astype(int)
+    def written(time=0.5, title="", speed=1.0, ghost=False, hidden=""):
+        return Legend(400, 300, title, speed=speed, ghost=ghost, hidden=hidden).write_on(plain, time).astype(int)
 
     first = written()
     rows, columns = np.nonzero((first != written(time=0.9)).any(axis=2))
     assert rows.min() > 300 * (1 - FOOT)
     assert columns.max() < 100
-    for other in (written(speed=0.25), written(ghost=True), written(title="HCMC")):
+    for other in (written(speed=0.25), written(ghost=True), written(title="HCMC"), written(hidden="hidden")):
         assert (other != first).any()
     assert (written(title="HCMC")[: int(HEAD * 300)] != 230).any()
+    green = (255 * ((1 - GHOST_RGBA[3]) * 230 / 255 + GHOST_RGBA[3] * np.array(GHOST_RGBA[:3]))).round()
+
+    def swatch(picture):
+        return (np.abs(picture - green).max(axis=2) < 2).sum()
+
+    assert swatch(written(ghost=True)) > 30  # as it is drawn over what is behind
+    assert swatch(first) == swatch(written(hidden="hidden")) == 0
     # the scale: its colours from silent to active, left to right
     ends = [255 * activation_rgba(a)[:3] for a in (0.0, 1.0)]
     silent, active = (np.argwhere(np.abs(first - end).max(axis=2) < 4)[:, 1].mean() for end in ends)
@@ -124,7 +131,10 @@ def test_the_ghost_is_where_the_leg_should_be():
     stage.add_to(scene)
     assert [int(g.objid) for g in scene.geoms[: scene.ngeom]] == [1]
     assert all(0 < g.rgba[3] < 1 for g in scene.geoms[: scene.ngeom])
+    assert stage.shows_ghost(range(21))
     exact = Frames.of(swinging())
+    assert not Stage(exact).shows_ghost(range(21))
+    assert not Stage(frames, ghost=False).shows_ghost(range(21))
     np.testing.assert_array_equal(Shot(exact).pixels, Shot(exact, ghost=False).pixels)
 
 

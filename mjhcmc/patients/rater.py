@@ -17,8 +17,8 @@ from mjhcmc.patients.grades import rank, weighted_kappa
 from mjhcmc.patients.resistance import Resistance
 
 RATER_NOISE = 0.45
-"""Scale of all scatter of raters, set so that two of them agree on a cohort as raters do in published studies: with a
-quadratic-weighted kappa within .61 to .87 (benchmarks/patients.py measures it)."""
+"""Scale of all scatter of raters, set so that two of them agree on a cohort about as examiners do: our aim is a
+quadratic-weighted kappa within .61 to .87 over all joints (benchmarks/patients.py measures it)."""
 
 
 @dataclass(frozen=True)
