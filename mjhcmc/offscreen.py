@@ -155,7 +155,7 @@ class Canvas:
         mujoco.mjv_updateScene(
             model, data, option or mujoco.MjvOption(), None, seen, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
         )
-        return self.draw(self._scene)
+        return np.ascontiguousarray(self.draw(self._scene))
 
     def close(self) -> None:
         """Give the memory back."""

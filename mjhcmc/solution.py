@@ -248,7 +248,7 @@ class Solution:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """Whether the excitations can be believed; computed on first access (it replays them)."""
+        """Whether the simulation holds: reserves and tracking; computed on first access (it replays them)."""
         if self.stored_verdict is not None:
             return self.stored_verdict
         from mjhcmc.verify import judge

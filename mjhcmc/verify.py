@@ -1,4 +1,4 @@
-"""Verdict: can the excitations be believed? Reserves and tracking decide; replay shows that nothing else was at work.
+"""Verdict: does the simulation hold? Reserves and tracking decide; replay shows that nothing else was at work.
 
 Thresholds: reserves at most 5 % of the joint's peak moment (half of what OpenSim's published checklist for CMC
 allows), tracking RMS at most 1 deg (Thelen & Anderson 2006, doi 10.1016/j.jbiomech.2005.02.010).

@@ -1,5 +1,6 @@
 """What is sent to the browser, where the answers are known: triangles, bodies, tendons, the ghost, curves."""
 
+import time
 from types import SimpleNamespace
 
 import mujoco
@@ -7,10 +8,10 @@ import numpy as np
 import pytest
 
 import mjhcmc
-from mjhcmc.viewing.charts import angles_of, held_times, tracked_joints
+from mjhcmc.viewing.charts import angles_of, held_times, top_of, tracked_joints
 from mjhcmc.viewing.frames import Frames
 from mjhcmc.viewing.meshes import ground_of, parts_of
-from mjhcmc.viewing.player import bars, fair_speed, shown_muscles
+from mjhcmc.viewing.player import Player, bars, fair_speed, shown_muscles
 from mjhcmc.viewing.poses import Poses
 
 ROUND = 0.05  # a polygon of 24 sides is that much smaller than what is round
@@ -122,6 +123,55 @@ def test_curves_are_of_tracked_joints(solution):
     desired, actual = angles_of(solution, 1)
     assert np.array_equal(desired, solution.qpos_desired[:, 1])
     assert np.array_equal(actual, solution.qpos[:, 1])
+
+
+def test_charts_reach_a_little_higher_than_the_muscles():
+    def tops(excitation, activation):
+        return top_of(SimpleNamespace(excitation=np.array([[excitation]]), activation=np.array([[activation]])))
+
+    assert [tops(0.19, 0.1), tops(0.1, 0.2), tops(0.49, 0.0), tops(0.5, 0.5), tops(1.0, 1.0)] == [0.2, 0.5, 0.5, 1, 1]
+
+
+def test_a_page_that_cannot_be_built_leaves_no_server(solution, monkeypatch):
+    pytest.importorskip("viser")
+    from mjhcmc.viewing import browser, server
+
+    ended = []
+    monkeypatch.setattr(browser, "stop_server", lambda one: (ended.append(one), server.stop_server(one)))
+    monkeypatch.setattr("mjhcmc.viewing.charts.Charts.show", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        mjhcmc.view_in_browser(solution, port=0, open_browser=False, block=False)
+    assert len(ended) == 1
+
+
+class Browser:
+    """One that takes so long over a picture."""
+
+    def __init__(self, seconds):
+        self.asked = 0
+        self.seconds = seconds
+        self.local_storage = self
+
+    def get_item(self, key, timeout):
+        self.asked += 1
+        time.sleep(self.seconds)
+
+
+@pytest.mark.parametrize(("takes", "slow"), [(0.0, False), (0.1, True)])
+def test_a_slow_browser_is_sent_no_more_than_it_draws(takes, slow):
+    browser = Browser(takes)
+    looks = SimpleNamespace(get_clients=lambda: {0: browser}, flush=lambda: None)
+    player = Player.__new__(Player)
+    player._server, player._held_until, player._taken = looks, 0.0, 0.0
+    player._wait_for_browsers()
+    assert browser.asked == 1
+    now = player._last
+    assert player._rests(now + takes / 2) is slow  # as long again is left to the rest
+    assert not player._rests(now + 2 * takes)
+    player.hold(60.0)
+    assert player._rests(now + 2 * takes) is slow  # something more important is on its way
+    player.hold(0.0)
+    assert not player._rests(time.perf_counter() + 2 * takes)
 
 
 def test_bars_tell_names_and_numbers_and_nothing_a_name_could_smuggle_in():

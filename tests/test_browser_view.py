@@ -24,6 +24,17 @@ SIZE = {"width": 860, "height": 480}  # small: it is drawn without a GPU
 COARSE = 0.4  # of a pixel: software draws each
 READY = 15_000  # ms
 SCENE = {"x": 380, "y": 30, "width": 130, "height": 440}  # between the panels
+BUSY_FOR = 1500  # ms
+BUSY = """ms => {
+  const path = "//label[normalize-space()='knee, deg']/following::*[@role='slider'][1]";
+  const slider = document.evaluate(path, document, null, XPathResult.FIRST_ORDERED_NODE_TYPE).singleNodeValue;
+  const vasti = Object.values(window.__viserTestpoints.uplots)
+      .find(u => u.chart.root.querySelector('.u-title')?.textContent === 'vasti').chart.data[1];
+  slider.focus();
+  slider.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowRight', bubbles: true, cancelable: true}));
+  setTimeout(() => { const end = performance.now() + ms; while (performance.now() < end); }, 0);
+  return Array.from(vasti);
+}"""
 SLOW_GL = ("GPU stall due to ReadPixels", "GL Driver Message")  # notes of software rendering
 
 
@@ -140,15 +151,16 @@ def test_the_replay_draws_and_its_slider_moves_the_leg(gl_browser, replay, solut
         assert ours(one) == []
 
 
-def test_dragging_brings_new_excitations_and_their_latency(gl_browser):
-    from mjhcmc.viewing.live import live_page
+def test_dragging_brings_new_excitations_and_their_latency(gl_browser, monkeypatch):
+    from mjhcmc.viewing import live
 
-    page = live_page(port=0, open_browser=False, block=False, say=lambda line: None)
+    monkeypatch.setattr(live, "_PATIENCE", 15.0)  # software draws
+    page = live.live_page(port=0, open_browser=False, block=False, say=lambda line: None)
     try:
         page.player.set_playing(False)  # software rendering would take the processor
         with opened(gl_browser, page) as watched:
             body = watched.page.locator("body")
-            wait_until(watched, lambda: "from slider to excitations" in body.inner_text())
+            wait_until(watched, lambda: "from slider to drawn curves" in body.inner_text())
             before = charts(watched)["vasti"]
             drag(watched, "knee, deg", -40)
             wait_until(watched, lambda: charts(watched)["vasti"] != before)
@@ -158,13 +170,17 @@ def test_dragging_brings_new_excitations_and_their_latency(gl_browser):
                 """The curve is that of HCMC on the movement that the slider now says."""
                 knee = np.deg2rad(page.slider("knee").value)
                 amplitudes = {"hip": np.deg2rad(10.0), "knee": knee, "ankle": np.deg2rad(-10.0)}
-                motion = mjhcmc.Motion.cosine(page.solver.model, amplitudes=amplitudes, period=0.6, cycles=1)
+                motion = mjhcmc.Motion.cosine(page.solver.model, amplitudes=amplitudes, period=0.3, cycles=2)
                 vasti = mjhcmc.hcmc(page.solver.model, motion).excitation[:, names.index("vasti")]
                 return charts(watched)["vasti"] == pytest.approx(np.repeat(vasti, 2).tolist())
 
             wait_until(watched, drawn_as_solved)
             assert page.slider("knee").value < -30
-            wait_until(watched, lambda: f"{1e3 * page.latencies[-1]:.0f} ms" in body.inner_text())
+            wait_until(watched, lambda: f"{1e3 * page.seen[-1]:.0f} ms" in body.inner_text())
+            late = watched.page.evaluate(BUSY, BUSY_FOR)  # the browser draws nothing for a while after the slider
+            wait_until(watched, lambda: charts(watched)["vasti"] != late)
+            wait_until(watched, lambda: page.seen[-1] > 0.6 * BUSY_FOR / 1e3)  # it began a little before the event came
+            assert page.seen[-1] > page.sent[-1]
             wait_until(watched, lambda: "holds" in body.inner_text())
             type_into(watched, "Gain, s", 0.05)
             wait_until(watched, lambda: page.result.reflex.any())

@@ -92,6 +92,7 @@ def test_pictures(leg8, monkeypatch):
     before = env.render()
     assert before.shape == (48, 64, 3)
     assert before.dtype == np.uint8
+    assert before.flags.c_contiguous  # others turn it into tensors
     state = env.state
     for _ in range(10):
         env.step(np.zeros(8))

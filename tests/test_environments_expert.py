@@ -220,8 +220,8 @@ def test_trajectories_follow_from_what_was_applied(leg8, written):
 
 
 def test_trajectories_of_one_seed_are_the_same(leg8, written):
-    again = expert_trajectories(leg8, ["fast"], n=3, disturbance=0.1, seed=4, start="random", noise=0.02)
-    np.testing.assert_array_equal(again.action, written.action)
+    again = expert_trajectories(leg8, ["fast"], n=1, disturbance=0.1, seed=4, start="random", noise=0.02)
+    np.testing.assert_array_equal(again.action, written.action[written.episode == 0])
     other = expert_trajectories(leg8, "fast", n=1, disturbance=0.1, seed=5, start="random", noise=0.02)
     assert not np.array_equal(other.observation[0], written.observation[0])
 
@@ -255,8 +255,8 @@ def test_the_models_hash_tells_models_apart(leg8, written):
     from mjhcmc.muscle_parameters import with_muscle_parameters
 
     weaker = with_muscle_parameters(leg8, {"max_isometric_force": 0.9 * leg8.max_isometric_force})
-    other = expert_trajectories(weaker, "fast", n=1, dt=0.02)
-    same = expert_trajectories(leg8, "fast", n=1, dt=0.02)
+    motion = mjhcmc.Motion.cosine(leg8, amplitudes={"knee": -0.1}, period=0.1, cycles=1)
+    other, same = (expert_trajectories(model, motion, n=1) for model in (weaker, leg8))
     assert other.metadata["model_sha256"] != written.metadata["model_sha256"] == same.metadata["model_sha256"]
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import SHARED
 
 import mjhcmc
 from mjhcmc import hill
@@ -66,9 +65,7 @@ def test_tracking_figures(request, leg8, fast, tendon, dt):
 
 
 def test_it_follows_better_than_opensims_cmc_with_the_same_muscles(leg8, fast, compliant):
-    run = read_reference(leg8, "fast", folder=SHARED / "reference" / "opensim_cmc")
-    if run is None:
-        pytest.skip("OpenSim's results are not beside this checkout")
+    run = read_reference(leg8, "fast")
     inside = run.time <= fast.end + 1e-9
     theirs = np.rad2deg(np.abs(run.qpos[inside] - fast.sample(run.time[inside]).qpos).max(axis=0))
     assert np.all(largest(compliant) < theirs)
@@ -76,9 +73,7 @@ def test_it_follows_better_than_opensims_cmc_with_the_same_muscles(leg8, fast, c
 
 @pytest.mark.parametrize("method", ["hcmc", "cmc"])
 def test_activations_are_those_of_opensims_cmc(leg8, fast, method):
-    run = read_reference(leg8, "fast", folder=SHARED / "reference" / "opensim_cmc")
-    if run is None:
-        pytest.skip("OpenSim's results are not beside this checkout")
+    run = read_reference(leg8, "fast")
     solution = getattr(mjhcmc, method)(leg8, fast, min_activation=CMC_FLOOR, plant=mjhcmc.HillPlant(leg8))
     found = agreement(solution.time, solution.activation, run.activity, CMC_FLOOR, INITIALISATION)
     assert min(r for r, _ in found.values()) > 0.9  # all eight work on fast

@@ -19,8 +19,10 @@ from mjhcmc.patients.movement import move
 from mjhcmc.patients.patient import GroupState
 from mjhcmc.patients.trials import voluntary
 from mjhcmc.viewing import live_solver
+from mjhcmc.viewing.echo import echo
 from mjhcmc.viewing.live_reflex import Reflex, has_fibers, reflex_of
 from mjhcmc.viewing.live_solver import LiveRequest, LiveResult, LiveSolver, cocontraction_of, cycles_of, live_joints
+from mjhcmc.viewing.live_words import latency_words, numbers_of, verdict_words
 from mjhcmc.viewing.newest import Newest
 
 SMALL = tuple(np.deg2rad([5.0, -10.0, -5.0]))
@@ -359,10 +361,12 @@ def test_a_slider_brings_a_solution_and_its_latency(page, leg8):
     page.slider("hip").value = 15.0
     results_after(page, before + 1)
     amplitudes = {"hip": np.deg2rad(15.0), "knee": np.deg2rad(-20.0), "ankle": np.deg2rad(-10.0)}
-    motion = mjhcmc.Motion.cosine(leg8, amplitudes=amplitudes, period=0.6, cycles=1)
+    motion = mjhcmc.Motion.cosine(leg8, amplitudes=amplitudes, period=0.3, cycles=2)
     assert np.array_equal(page.result.solution.excitation, mjhcmc.hcmc(leg8, motion).excitation)
-    assert page.latencies[-1] >= page.result.solve_time > 0
-    assert f"{1e3 * page.latencies[-1]:.0f} ms" in page.words("latency")
+    assert page.sent[-1] >= page.result.solve_time > 0
+    assert f"server alone: {1e3 * page.sent[-1]:.0f} ms" in page.words("latency")
+    assert not page.seen  # nobody looks, so nobody has seen it
+    assert "no browser answered" in page.words("latency")
     assert "holds" in page.words("verdict")
 
 
@@ -390,6 +394,70 @@ def test_a_patient_is_beside_the_healthy(page):
     results_after(page, before + 1)
     wait_for(lambda: "of it reflex" in page.words("beside") and "…" not in page.words("beside"))
     assert page.result.reflex.any()
+
+
+def answers(what):
+    """A browser that answers so, and how often it was asked."""
+    asked = []
+
+    def get_item(key, timeout):
+        asked.append(timeout)
+        if isinstance(what, Exception):
+            raise what
+        time.sleep(what)
+
+    return SimpleNamespace(local_storage=SimpleNamespace(get_item=get_item)), asked
+
+
+def test_an_answer_takes_as_long_as_the_browser_does():
+    client, asked = answers(0.03)
+    assert 0.03 <= echo(client, 2.0) < 2.0
+    assert asked == [2.0]
+    assert echo(answers(RuntimeError("Failed to read localStorage: it is shut"))[0], 1.0) is not None
+    assert echo(answers(RuntimeError("the client disconnected before returning a response"))[0], 1.0) is None
+    assert echo(answers(TimeoutError("it did not"))[0], 1.0) is None
+
+
+def test_a_slider_in_a_browser_is_timed_to_its_answer(page):
+    results_after(page, 1)
+    before, (client, asked) = page.shown, answers(0.2)
+    page._ask(SimpleNamespace(client=client))
+    results_after(page, before + 1)
+    assert len(asked) == 1
+    assert page.seen[-1] >= page.sent[-1] + 0.2
+    assert f"{1e3 * page.seen[-1]:.0f} ms</span> from slider to drawn curves" in page.words("latency")
+    page._ask(SimpleNamespace(client=answers(TimeoutError("it is gone"))[0]))
+    results_after(page, before + 2)
+    assert len(page.seen) == 1
+    assert "no browser answered" in page.words("latency")
+
+
+def test_what_the_server_alone_took_is_not_called_drawn(healthy):
+    words = latency_words((), (0.052,), healthy)
+    assert "52 ms from slider event to excitations sent" in words
+    assert "52 ms</span>" not in words
+    assert ">80 ms</span> from slider to drawn" in latency_words((0.07, 0.08), (0.052,), healthy)
+    assert "median of 2: 75 ms" in latency_words((0.07, 0.08), (0.052,), healthy)
+
+
+def test_slides_are_told_in_millimetres_and_by_their_own_limit(healthy):
+    """The hip as a slide that is 20 mm off beside a knee that is .5 deg off: twice its limit, and half of it."""
+    solution = healthy.solution
+    rotation = solution.dof_is_rotation.copy()
+    rotation[0] = False
+    error = np.array([0.02, np.deg2rad(0.5), 0.0])
+    verdict = replace(healthy.verdict, tracking_max=tuple(error), peak_reserve_share=(10.2, 0.5, 0.0001))
+    fake = SimpleNamespace(
+        error=None, notes=(), verdict=verdict, reflex=healthy.reflex, cocontraction=healthy.cocontraction,
+        solution=SimpleNamespace(
+            dof_is_rotation=rotation, dof_names=solution.dof_names, roles=solution.roles,
+            excitation=solution.excitation, peak_moment=solution.peak_moment,
+        ),
+    )  # fmt: skip
+    assert numbers_of(fake)["largest tracking error"] == "20 mm"
+    assert numbers_of(fake)["reserve / peak moment"] == "1020 %"
+    assert "tracking RMS ≤ 1 deg, of slides 10 mm" in verdict_words(fake)
+    assert "slides" not in verdict_words(healthy)
 
 
 def test_a_port_that_is_taken_is_told_before_the_work(page):

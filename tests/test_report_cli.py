@@ -1,5 +1,8 @@
 """``mjhcmc report``: a page beside the solution, or one line that says why not, and nothing written."""
 
+import hashlib
+import json
+
 import numpy as np
 import pytest
 from cli_tools import LONG
@@ -102,6 +105,14 @@ def test_bad_input_is_one_line_and_nothing_is_written(run, folder, fast_solution
         assert words in done.errors[0], arguments
         assert sorted(file.name for file in folder.iterdir()) == before
     assert not list((tmp_path / "empty").iterdir())
+
+
+def test_a_run_that_somebody_wrote_otherwise_is_no_obstacle(run, folder):
+    told = dict.fromkeys(("shipped_name", "sha256", "compiled_sha256"), 1) | {"source": "file", "path": 5}
+    own = {"sha256": hashlib.sha256((folder / "solution.parquet").read_bytes()).hexdigest()}
+    (folder / "run.json").write_text(json.dumps({"solution": own, "model": told, "notices": 3, "command": 4}))
+    done = run("report", folder)
+    assert (done.code, done.errors) == (0, [])
 
 
 def test_a_page_that_is_there_is_kept_until_the_new_one_is_whole(run, folder, monkeypatch):

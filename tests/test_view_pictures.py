@@ -97,7 +97,8 @@ def test_the_legend_tells_time_speed_scale_and_ghost():
     for other in (written(speed=0.25), written(ghost=True), written(title="HCMC"), written(hidden="hidden")):
         assert (other != first).any()
     assert (written(title="HCMC")[: int(HEAD * 300)] != 230).any()
-    green = (255 * ((1 - GHOST_RGBA[3]) * 230 / 255 + GHOST_RGBA[3] * np.array(GHOST_RGBA[:3]))).round()
+    left = (1 - GHOST_RGBA[3]) ** 2  # of what is behind its front and its back
+    green = left * 230 + (1 - left) * 255 * np.array(GHOST_RGBA[:3])
 
     def swatch(picture):
         return (np.abs(picture - green).max(axis=2) < 2).sum()

@@ -147,13 +147,9 @@ class DmTask(control.Task):  # type: ignore[misc]  # dm_control has no types
         self._begun = True
 
     def _look(self, physics: Any) -> None:
-        """At an episode's beginning dm_control looks at the state as if there were no muscles: look again, with them.
-
-        Where the constraint solver got to in that is no place to start from either.
-        """
+        """At an episode's beginning dm_control looks at the state as if no muscle acted: look again, with them."""
         if not self._begun:
             mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
-            physics.data.qacc_warmstart[:] = 0.0
 
     def after_step(self, physics: Any) -> None:
         """The next node."""

@@ -90,9 +90,7 @@ class Episodes:
         """(n_muscle,) m and m/s, musculotendon lengths and velocities, where the task asks for them."""
         if not self.task.settings.muscle_paths:
             return None
-        warmstart = self.plant.mj_data.qacc_warmstart.copy()
-        self.plant.forward()
-        self.plant.mj_data.qacc_warmstart[:] = warmstart  # to look must not change the next step's bits
+        self.plant.forward()  # leaves the state as it is, where the constraint solver starts from too
         ids = self.task.model.muscle_ids
         return self.plant.mj_data.actuator_length[ids].copy(), self.plant.mj_data.actuator_velocity[ids].copy()
 

@@ -56,7 +56,7 @@ def _command(words: object) -> Html:
         return Html("")
     if not isinstance(words, str | list):
         return Html("")  # a run.json that somebody wrote otherwise
-    text = words if isinstance(words, str) else "mjhcmc " + shlex.join(str(word) for word in words)  # type: ignore[attr-defined]
+    text = words if isinstance(words, str) else "mjhcmc " + shlex.join(str(word) for word in words)
     return element(
         "div", element("code", text, id="command"),
         element("button", "Copy command", type="button", class_="tool", data_copy="command"), class_="command",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -242,7 +243,7 @@ def _residuals(solution: Solution) -> Html:
 
 def _findings(solution: Solution) -> Html:
     """What was found, the status of windows with their times, and what to try."""
-    findings, status = list(solution.verdict.findings), status_lines(solution)
+    findings, status = [_readable(line, solution) for line in solution.verdict.findings], status_lines(solution)
     tries = remedies(solution)
     parts: list[object] = []
     for title, lines in (
@@ -261,6 +262,12 @@ def _findings(solution: Solution) -> Html:
             )
         ]
     return element("div", *parts, class_="findings")
+
+
+def _readable(line: str, solution: Solution) -> str:
+    """A finding with the names of muscles and joints as the rest of the page writes them."""
+    names = sorted({*solution.muscle_names, *solution.dof_names}, key=len, reverse=True)
+    return re.sub("|".join(rf"(?<!\w){re.escape(name)}(?!\w)" for name in names), lambda own: readable(own[0]), line)
 
 
 def windows(count: int) -> str:

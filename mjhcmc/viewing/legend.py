@@ -95,7 +95,7 @@ class Legend:
             return
         box = (int(left), int(middle - 0.4 * u), int(left + u), int(middle + 0.4 * u))
         under = np.asarray(image.crop(box), dtype=float)
-        alpha, colour = GHOST_RGBA[3], 255 * np.array(GHOST_RGBA[:3])
+        alpha, colour = 1 - (1 - GHOST_RGBA[3]) ** 2, 255 * np.array(GHOST_RGBA[:3])  # its front and its back
         from PIL import Image as Images
 
         image.paste(Images.fromarray(((1 - alpha) * under + alpha * colour).astype(np.uint8)), box[:2])

@@ -11,9 +11,6 @@ from mjhcmc.verify import MAX_RESERVE_SHARE, MAX_TRACKING_RMS, MAX_TRACKING_RMS_
 from mjhcmc.viewing.charts import tracked_joints
 from mjhcmc.viewing.live_solver import LiveResult, LiveSolver
 
-SOON = 0.1
-"""s: what comes sooner feels immediate (Card, Robertson and Mackinlay 1991, doi:10.1145/108844.108874)."""
-
 _GOOD, _BAD, _PALE = "#2b8a3e", "#c92a2a", "#868e96"
 _MOST_FINDINGS = 3
 _LEAST, _MANY = 1e-3, 10.0  # of a figure in the table: less is nothing; more needs no digit after the point

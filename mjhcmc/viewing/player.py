@@ -34,6 +34,7 @@ MAGNIFIED = 500
 _WORDS_RATE = 8.0  # updates a second of numbers and bars
 _SPEEDS = (0.05, 2.0)
 _PATIENCE = 0.25  # s, that a picture waits for browsers to have drawn the one before
+_FADES = 0.9  # of that time, from picture to picture
 _SLOW = 0.06  # s: a browser that takes longer over a picture draws without a GPU, and is given time for the rest
 _WATCHED = 4.0  # s, that a movement should last on the screen, if it can
 
@@ -58,7 +59,7 @@ class Player:
         self._dirty, self._drawn = True, -1
         self._selected: int | None = None  # a tendon
         self._label: Any = None
-        self._taken = 0.0  # s, that browsers took for the last picture
+        self._taken = 0.0  # s, that browsers took for one of the last pictures
         self._held_until = self._last = 0.0  # on the clock of time.perf_counter
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, name="mjhcmc-player", daemon=True)
@@ -194,7 +195,7 @@ class Player:
         for client in self._server.get_clients().values():
             echo(client, _PATIENCE)
         self._last = time.perf_counter()
-        self._taken = self._last - began
+        self._taken = max(self._last - began, _FADES * self._taken)  # one that had rested answers at once
 
     def _draw(self) -> bool:
         k = self._frames.at(self._frames.time[0] + self._time)
