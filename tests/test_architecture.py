@@ -6,6 +6,7 @@ import ast
 import re
 import sys
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -34,6 +35,11 @@ def block(kind: str) -> list[str]:
     }
     assert len(kinds) == len(every) == 3, f"{PAGE.name}: one block of floors, one of doors, one of import_module"
     return kinds[kind].splitlines()
+
+
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
 
 
 def floors() -> dict[str, int]:
@@ -82,7 +88,7 @@ def upward(*, later: bool) -> set[tuple[str, str]]:
     found = set()
     for module, path in MODULES.items():
         here = floor_of(module, of)
-        for target, when in imported(ast.parse(path.read_text())):
+        for target, when in imported(parsed(path)):
             there = floor_of(target, of)
             if when == later and here is not None and there is not None and there > here:
                 found.add((module, target))
@@ -128,13 +134,13 @@ def test_islands_import_only_errors_of_the_house(folder: str) -> None:
     may = {"hill": ("hill",), "exact": ("exact", "errors", "model")}[folder]
     for module, path in MODULES.items():
         if module.split(".")[0] == folder:
-            for target, _ in imported(ast.parse(path.read_text())):
+            for target, _ in imported(parsed(path)):
                 assert target.split(".")[0] in may, f"{module} imports {target}"
 
 
 def test_hill_needs_numpy_alone() -> None:
     for path in sorted((PACKAGE / "hill").rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(parsed(path)):
             names = [name.name for name in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             for name in names:
@@ -149,7 +155,7 @@ def test_names_are_looked_up_where_that_is_a_modules_work() -> None:
         module or "mjhcmc" for module, path in MODULES.items()
         if any(
             isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in {"import_module", "__import__"}
-            for node in ast.walk(ast.parse(path.read_text()))
+            for node in ast.walk(parsed(path))
         )
     }  # fmt: skip
     assert found == may
@@ -157,7 +163,7 @@ def test_names_are_looked_up_where_that_is_a_modules_work() -> None:
 
 def test_nothing_imports_in_a_circle_while_it_is_loaded() -> None:
     needs = {
-        module: {name for name, later in imported(ast.parse(path.read_text())) if not later and name in MODULES}
+        module: {name for name, later in imported(parsed(path)) if not later and name in MODULES}
         for module, path in MODULES.items()
     }
     TopologicalSorter({module: found - {"", module} for module, found in needs.items()}).prepare()

@@ -205,6 +205,12 @@ def test_on_a_phone_nothing_sticks_out(browser, fast_file):
     assert wide == [360, 360, 360]
     lefts = page.evaluate("[...document.querySelectorAll('#excitations figure')].map((f) => f.offsetLeft)")
     assert len(set(lefts)) == 1  # one column
+    plot = panel(page, "excitation-0")
+    plot.tap(position={"x": 200, "y": 70})
+    assert re.fullmatch(r"0\.\d{3} s", page.locator("#tip b").inner_text())
+    assert page.locator("#tip").is_visible()  # stays when the finger is gone
+    page.evaluate("scrollBy(0, 60)")
+    until(page, "document.getElementById('tip').hidden")
     assert watched.errors == []
 
 

@@ -195,7 +195,7 @@
       canvas.on("plotly_click", (event) => clicked(plot, event));
       resizes.observe(plot);
       for (const name of ["pointermove", "pointerdown"]) plot.addEventListener(name, (event) => told(panel, plot, event));
-      for (const name of ["pointerleave", "pointercancel"]) plot.addEventListener(name, () => { tip.hidden = true; });
+      plot.addEventListener("pointerleave", (event) => { if (event.pointerType !== "touch") tip.hidden = true; }); // a tap stays
       figure.dataset.drawn = "";
     }
   };
@@ -234,6 +234,7 @@
   const tip = document.body.appendChild(document.createElement("div"));
   tip.id = "tip";
   tip.hidden = true;
+  for (const name of ["scroll", "pointerdown", "pointercancel"]) addEventListener(name, () => { tip.hidden = true; }, { capture: true, passive: true });
   const valueAt = (line, time) => {
     const { x, y } = points(line), last = x.length - 1;
     if (!(time >= x[0] && time <= x[last])) return null;

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjhcmc.plotting.panels import readable
-from mjhcmc.report.joints import RESIDUALS, unmet_moment
-from mjhcmc.report.markup import Html, bullets, element, joined, paragraphs, section, table
+from mjhcmc.report.markup import Html, bullets, element, paragraphs, section, table
+from mjhcmc.report.reserve_words import allows_reserves, largest_reserve, largest_unmet, residual_words
 from mjhcmc.report.series import runs
 from mjhcmc.report.units import dof_name, length, limits, load, percent, with_role
-from mjhcmc.solution import Solution, WindowStatus, moment_scale
+from mjhcmc.solution import Solution, WindowStatus
 from mjhcmc.verify import MAX_RESERVE_SHARE
 
 _SATURATED = 0.999
@@ -106,8 +106,8 @@ def _thresholds(solution: Solution) -> Html:
             (what, least, measured, element("span", "holds" if holds else "fails", class_="yes" if holds else "no"))
         )
 
-    if not _allows_reserves(solution):
-        what = f"{_largest_unmet(solution) or 'nothing was unmet'}; no reserves were allowed"
+    if not allows_reserves(solution):
+        what = f"{largest_unmet(solution) or 'nothing was unmet'}; no reserves were allowed"
         rows.append(("Reserve, of the peak moment", f"at most {percent(MAX_RESERVE_SHARE)}", what, "not used"))
     elif share.size:
         j = int(np.argmax(share))
@@ -154,9 +154,9 @@ def _worst(solution: Solution) -> Html:
         )
     if solution.muscle_names:
         facts.append(("Worst muscle", _worst_muscle(solution)))
-    facts.append(("Largest reserve", _largest_reserve(solution)))
+    facts.append(("Largest reserve", largest_reserve(solution)))
     if solution.residual.any():
-        facts.append(("Residuals (not judged)", _residuals(solution)))
+        facts.append(("Residuals (not judged)", residual_words(solution)))
     items = []
     for what, text in facts:
         items += [element("dt", what), element("dd", text)]
@@ -188,57 +188,6 @@ def _worst_muscle(solution: Solution) -> str:
         f"{readable(solution.muscle_names[which])}: at full excitation for {1e3 * longest:.0f} ms from "
         f"{time[first]:.3f} s, {percent(total)} of the time{others}"
     )
-
-
-def _allows_reserves(solution: Solution) -> bool:
-    return bool(solution.settings.get("reserves", True)) or bool(solution.reserve.any())
-
-
-def _largest_unmet(solution: Solution) -> str:
-    """What nothing gave: the largest of it; empty where everything was given."""
-    unmet = np.abs(unmet_moment(solution))
-    unmet[:, solution.is_root] = 0.0
-    if not unmet.any():
-        return ""
-    share = unmet.max(axis=0) / moment_scale(solution.net_joint_moment)
-    j = int(np.argmax(share))
-    k = int(np.argmax(unmet[:, j]))
-    return (
-        f"up to {load(solution, j, unmet[k, j])} were unmet ({dof_name(solution, j)}, at {solution.time[k]:.3f} s; "
-        f"{percent(share[j])} of its peak moment)"
-    )
-
-
-def _largest_reserve(solution: Solution) -> str:
-    share = np.array(solution.verdict.peak_reserve_share)
-    reserve, unmet = np.abs(solution.reserve), _largest_unmet(solution)
-    if not _allows_reserves(solution):
-        return f"no reserves were allowed; {unmet or 'the muscles gave every moment by themselves'}"
-    if not share.size or not share.any():
-        return f"none; {unmet}" if unmet else "none: the muscles gave every moment by themselves"
-    j = int(np.argmax(share))
-    k = int(np.argmax(reserve[:, j]))
-    return (
-        f"{dof_name(solution, j)}: {load(solution, j, reserve[k, j])} at {solution.time[k]:.3f} s, {percent(share[j])} "
-        f"of its peak moment{'; beside it ' * bool(unmet)}{unmet}"
-    )
-
-
-def _residuals(solution: Solution) -> Html:
-    """The largest residual among forces and among moments, and where they are drawn."""
-    peak, words = np.abs(solution.residual).max(axis=0), []
-    for rotation in (False, True):
-        alike = np.flatnonzero(solution.dof_is_rotation == rotation)
-        if alike.size and peak[alike].any():
-            j = int(alike[np.argmax(peak[alike])])
-            k = int(np.argmax(np.abs(solution.residual[:, j])))
-            rms = float(np.sqrt(np.mean(solution.residual[:, j] ** 2)))
-            words.append(
-                f"{dof_name(solution, j)}: up to {load(solution, j, peak[j])}, at {solution.time[k]:.3f} s (RMS "
-                f"{load(solution, j, rms)})"
-            )
-    text = f"{'; '.join(words)}. They keep joints on the motion that are not left to muscles alone: "
-    return joined((text, element("a", "what they mean", href=f"#{RESIDUALS}"), "."), "")
 
 
 def _findings(solution: Solution) -> Html:
