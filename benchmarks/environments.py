@@ -187,7 +187,7 @@ def markdown() -> str:
     model = mjhcmc.MuscleModel.load("leg8")
     return (
         f"What there is to earn is 1 a window. Starts that are off ({NOISE:g} deg at each joint, standard deviation) "
-        f"are at random nodes, {EPISODES} episodes:\n\n{earned(model)}\n\n"
+        f"are at random nodes,\n{EPISODES} episodes:\n\n{earned(model)}\n\n"
         f"The largest error of any joint, deg, over {EPISODES} wrong starts of `slow`, HCMC asked at each window:\n\n"
         f"{recovered(model)}\n\nA solution's excitations, played by the environment:\n\n{replayed(model)}\n\n"
         f"How the physics step counts, over {N_STIFF * DT:g} s of `slow`, against steps of 0.1 ms; the last is the one "

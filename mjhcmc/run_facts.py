@@ -57,7 +57,7 @@ def run_facts(
         "mjhcmc": __version__,
         "command": list(command),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        **_here(),
+        **versions_here(),
         "model": dict(model),
         "inputs": [dict(each) for each in inputs],
         "solution": {"file": solution.name, "sha256": sha256_of(solution)},
@@ -131,8 +131,8 @@ def compiled_sha256(model: MuscleModel) -> str:
     return hashlib.sha256(buffer.tobytes()).hexdigest()
 
 
-def _here() -> dict[str, Any]:
-    """Versions and platform."""
+def versions_here() -> dict[str, Any]:
+    """Versions of what can move a result, and the platform: plain values."""
     return {
         "versions": {"python": platform.python_version(), **{name: _version(name) for name in _COUNTED}},
         "platform": {
@@ -150,7 +150,7 @@ def made_by(run: Mapping[str, Any] | None) -> tuple[Any, ...]:
     Args:
         run: what run.json holds; None: here and now.
     """
-    facts = _here() if run is None else run
+    facts = versions_here() if run is None else run
     found = []
     for name, key in (("versions", "mujoco"), ("platform", "system"), ("platform", "machine")):
         part = facts.get(name)

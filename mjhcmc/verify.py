@@ -144,7 +144,8 @@ def _findings(
         found.append(f"interrupted at {solution.time[-1]:.3f} s: the rest of the motion was not solved")
     stiff = np.flatnonzero(solution.status == WindowStatus.STIFF)
     if stiff.size:
-        found.append(f"{stiff.size} windows, first at {solution.time[stiff[0]]:.3f} s: {WindowStatus.STIFF.message}")
+        count = f"{stiff.size} window{'s' if stiff.size > 1 else ''}"
+        found.append(f"{count}, first at {solution.time[stiff[0]]:.3f} s: {WindowStatus.STIFF.message}")
     scale = moment_scale(solution.net_joint_moment)
     for j, name in enumerate(solution.dof_names):
         unit = "N m" if solution.dof_is_rotation[j] else "N"
@@ -158,8 +159,8 @@ def _findings(
             part = abs(float(values[k, j])) / scale[j]
             if part > RESERVE_SHARE and not solution.is_root[j]:  # there it is a residual, and reported as such
                 found.append(
-                    f"{name}: {what} of {values[k, j]:.3g} {unit} at {solution.time[k]:.3f} s, {100 * part:.3g} % of "
-                    f"the peak moment{against}; {_why(solution, j, k, float(values[k, j]))}"
+                    f"{name}: {what} of {_figure(values[k, j])} {unit} at {solution.time[k]:.3f} s, "
+                    f"{_figure(100 * part)} % of the peak moment{against}; {_why(solution, j, k, float(values[k, j]))}"
                 )
     given = solution.settings.get("joint_moment_difference", {})
     for j, name in enumerate(solution.dof_names):
@@ -167,18 +168,23 @@ def _findings(
         if part > MAX_MOMENT_SHARE:
             unit = "N m" if solution.dof_is_rotation[j] else "N"
             found.append(
-                f"{name}: the net joint moment departs from the given one by up to {given[name]:.3g} {unit}, "
-                f"{100 * part:.3g} % of the peak moment"
+                f"{name}: the net joint moment departs from the given one by up to {_figure(given[name])} {unit}, "
+                f"{_figure(100 * part)} % of the peak moment"
             )
     for j, name in enumerate(solution.dof_names):
         if rms[j] > limit[j]:
             k = int(np.argmax(np.abs(solution.tracking_error[:, j])))
             unit, factor = ("deg", 180 / np.pi) if solution.dof_is_rotation[j] else ("m", 1.0)
             found.append(
-                f"{name}: tracking RMS {rms[j] * factor:.3g} {unit} exceeds {limit[j] * factor:g} {unit}; worst "
-                f"{solution.tracking_error[k, j] * factor:.3g} {unit} at {solution.time[k]:.3f} s"
+                f"{name}: tracking RMS {_figure(rms[j] * factor)} {unit} exceeds {limit[j] * factor:g} {unit}; worst "
+                f"{_figure(solution.tracking_error[k, j] * factor)} {unit} at {solution.time[k]:.3f} s"
             )
     return found
+
+
+def _figure(value: float, digits: int = 3) -> str:
+    """Rounded to so many digits, and written out: 1240 N m, not 1.24e+03."""
+    return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def _why(solution: Solution, j: int, k: int, lacking: float) -> str:
@@ -200,7 +206,7 @@ def _why(solution: Solution, j: int, k: int, lacking: float) -> str:
         unit = "N m" if solution.dof_is_rotation[j] else "N"
         full, off = names[helps & (u >= _SATURATED * top)], names[(push < 0) & (u <= 1 - _SATURATED)]
         return (
-            f"no strength: all muscles together have {most:.2g} {unit} that way there"
+            f"no strength: all muscles together have {_figure(most, 2)} {unit} that way there"
             + (f"; at full excitation: {_some(full)}" if full.size else "")
             + (f"; silent: {_some(off)}" if off.size else "")
         )

@@ -170,7 +170,7 @@ def test_a_failing_reserve_is_named_whatever_the_windows_status(fast_solution):
     status[24] = WindowStatus.STIFF
     verdict = synthetic(fast_solution, reserve=reserve, status=status).verdict
     assert any(text.startswith("knee: reserve") for text in verdict.findings)
-    assert any("1 windows, first at 0.240 s" in text and "physics_dt" in text for text in verdict.findings)
+    assert any("1 window, first at 0.240 s" in text and "physics_dt" in text for text in verdict.findings)
 
 
 def test_a_moment_that_nothing_gave_is_not_measured_as_a_reserve(fast_solution):

@@ -11,13 +11,13 @@ import pytest
 from view_tools import BALL, DRUMS, filmed, gl, load, swinging
 
 import mjhcmc
-from mjhcmc import OutputError, SettingsError, SimulationError
-from mjhcmc.viewing import offscreen, video
+from mjhcmc import OutputError, SettingsError, SimulationError, offscreen
+from mjhcmc.offscreen import Canvas, gl_back_end
+from mjhcmc.viewing import video
 from mjhcmc.viewing.camera import make_camera
 from mjhcmc.viewing.colours import activation_rgba
 from mjhcmc.viewing.frames import Frames
 from mjhcmc.viewing.legend import FOOT, HEAD, Legend
-from mjhcmc.viewing.offscreen import Canvas, gl_back_end
 from mjhcmc.viewing.scene import GHOST_RGBA, Stage, quiet
 from mjhcmc.viewing.video import write_image, write_video
 
@@ -286,7 +286,7 @@ def test_where_nothing_can_draw(monkeypatch):
 def test_the_back_end_is_chosen_without_a_display_and_kept_to_itself():
     """In a process of its own: MuJoCo is imported before anything is chosen."""
     code = (
-        "import mujoco, os; from mjhcmc.viewing.offscreen import Canvas, gl_back_end; "
+        "import mujoco, os; from mjhcmc.offscreen import Canvas, gl_back_end; "
         "m = mujoco.MjModel.from_xml_string('<mujoco/>'); s = mujoco.MjvScene(m, 10)\n"
         "with Canvas(m, 64, 64) as c: print(c.draw(s).shape, gl_back_end(), 'MUJOCO_GL' in os.environ)"
     )

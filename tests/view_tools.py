@@ -73,7 +73,7 @@ def swinging(n=21, **more):
 @pytest.fixture(scope="session")
 def gl():
     """See `needs.missing` where nothing can be drawn."""
-    from mjhcmc.viewing.offscreen import Canvas
+    from mjhcmc.offscreen import Canvas
 
     try:
         with Canvas(load().mj_model, 64, 64):

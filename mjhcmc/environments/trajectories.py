@@ -22,7 +22,7 @@ from mjhcmc.environments.expert import FeedbackExpert
 from mjhcmc.environments.task import TrackingTask
 from mjhcmc.errors import MjhcmcWarning, OutputError, SettingsError, SimulationError
 from mjhcmc.io.files import written_whole
-from mjhcmc.run_facts import _here, compiled_sha256
+from mjhcmc.run_facts import compiled_sha256, versions_here
 
 if TYPE_CHECKING:
     from mjhcmc.external_loads import ExternalLoads
@@ -281,7 +281,7 @@ def _run(
 def _metadata(tasks: Sequence[TrackingTask], n: int, disturbance: float, seed: int) -> dict[str, Any]:
     from mjhcmc import __version__
 
-    first, here = tasks[0], _here()
+    first, here = tasks[0], versions_here()
     loads, solution = first.windows.surroundings.loads, first.solution
     return {
         "model": first.model.name,

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from mjhcmc.checks import is_number
 from mjhcmc.errors import OutputError, SettingsError
 from mjhcmc.io.files import written_whole
+from mjhcmc.offscreen import Canvas, gl_back_end
 from mjhcmc.viewing.camera import Margins, check_camera, make_camera, natural_aspect
 from mjhcmc.viewing.colours import activation_rgba
 from mjhcmc.viewing.frames import Frames
 from mjhcmc.viewing.legend import FOOT, HEAD, Legend, hidden_words
-from mjhcmc.viewing.offscreen import Canvas, gl_back_end
 from mjhcmc.viewing.scene import MAX_GEOMS, Stage
 
 if TYPE_CHECKING:

@@ -15,11 +15,11 @@ import mujoco
 import numpy as np
 
 from mjhcmc.errors import OutputError
+from mjhcmc.offscreen import display_answers, has_display
 from mjhcmc.viewing.camera import Margins, check_camera, make_camera
 from mjhcmc.viewing.clock import HELP, Clock
 from mjhcmc.viewing.frames import Frames, span_of
 from mjhcmc.viewing.legend import scale_image
-from mjhcmc.viewing.offscreen import display_answers, has_display
 from mjhcmc.viewing.scene import Stage, quiet
 from mjhcmc.viewing.video import check_rate
 
