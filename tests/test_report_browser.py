@@ -184,6 +184,7 @@ def test_dark_and_light(browser, fast_file):
     paper = "getComputedStyle(document.body).backgroundColor"
     stroke = "getComputedStyle(document.querySelector(\"figure[data-panel='angle-0'] .js-line\")).stroke"
     dark = page.evaluate(paper), page.evaluate(stroke)
+    assert page.locator("#theme").inner_text() == "Light"  # what a click gives
     page.locator("#theme").click()
     until(page, f"{stroke} !== '{dark[1]}'")
     light = page.evaluate(paper), page.evaluate(stroke)

@@ -286,10 +286,10 @@
   const button = document.getElementById("theme");
   const setTheme = (paper = false) => {
     const theme = paper ? "light" : chosen ?? (wanted.matches ? "dark" : "light");
+    button.textContent = theme === "dark" ? "Light" : "Dark"; // also where the page has begun with it
+    button.setAttribute("aria-label", `Show the page ${theme === "dark" ? "light" : "dark"}`);
     if (root.dataset.theme === theme) return;
     root.dataset.theme = theme;
-    button.textContent = theme === "dark" ? "Light" : "Dark";
-    button.setAttribute("aria-label", `Show the page ${theme === "dark" ? "light" : "dark"}`);
     state.stamp += 1;
     document.dispatchEvent(new CustomEvent("mjhcmc:theme", { detail: { theme } }));
   };
