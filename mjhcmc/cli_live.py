@@ -13,7 +13,7 @@ from mjhcmc.cli_support import VERBOSE, engine_notices, told
 @click.option("--physics-dt", default=0.001, show_default=True, help="Largest physics step, s.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8080, show_default=True, help="0: any that is free.")
 @click.option(
-    "--host", default="127.0.0.1", show_default=True,
+    "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS",
     help="Address to listen on; 0.0.0.0 lets others on the network in, and asks for no password.",
 )  # fmt: skip
 @click.option("--no-open", is_flag=True, help="Do not open the page: only say where it is.")

@@ -21,7 +21,7 @@ try:
     import gymnasium
     from gymnasium import spaces
 except ImportError as error:
-    raise SettingsError("gymnasium is not installed: pip install 'mjhcmc[learn]'") from error
+    raise SettingsError('gymnasium is not installed: pip install "mjhcmc[learn]"') from error
 
 if TYPE_CHECKING:
     from mjhcmc.model import MuscleModel
