@@ -93,6 +93,7 @@ def test_without_packaging_that_is_the_finding(monkeypatch):
 
 def test_what_is_needed_is_read_from_the_metadata_too(monkeypatch, tmp_path):
     """As pyproject.toml says it in a checkout: an installed package has only metadata."""
+    monkeypatch.setattr(packages, "_ROOT", Path(__file__).parent.parent)
     here = packages.read_requirements()
     assert here.source == "checkout"
     lines = [f"Requires-Dist: {each}" for each in here.core]
