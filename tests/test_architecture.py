@@ -42,6 +42,11 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text())
 
 
+@cache
+def imports_of(path: Path) -> tuple[tuple[str, bool], ...]:
+    return tuple(imported(parsed(path)))
+
+
 def floors() -> dict[str, int]:
     """What the page says: module or package, and its floor, 0 for the ground."""
     return {name: at for at, line in enumerate(block("floors")) for name in line.split()[1:]}
@@ -88,7 +93,7 @@ def upward(*, later: bool) -> set[tuple[str, str]]:
     found = set()
     for module, path in MODULES.items():
         here = floor_of(module, of)
-        for target, when in imported(parsed(path)):
+        for target, when in imports_of(path):
             there = floor_of(target, of)
             if when == later and here is not None and there is not None and there > here:
                 found.add((module, target))
@@ -134,7 +139,7 @@ def test_islands_import_only_errors_of_the_house(folder: str) -> None:
     may = {"hill": ("hill",), "exact": ("exact", "errors", "model")}[folder]
     for module, path in MODULES.items():
         if module.split(".")[0] == folder:
-            for target, _ in imported(parsed(path)):
+            for target, _ in imports_of(path):
                 assert target.split(".")[0] in may, f"{module} imports {target}"
 
 
@@ -163,7 +168,7 @@ def test_names_are_looked_up_where_that_is_a_modules_work() -> None:
 
 def test_nothing_imports_in_a_circle_while_it_is_loaded() -> None:
     needs = {
-        module: {name for name, later in imported(parsed(path)) if not later and name in MODULES}
+        module: {name for name, later in imports_of(path) if not later and name in MODULES}
         for module, path in MODULES.items()
     }
     TopologicalSorter({module: found - {"", module} for module, found in needs.items()}).prepare()

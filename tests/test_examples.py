@@ -14,6 +14,8 @@ from needs import missing
 
 from mjhcmc.errors import MjhcmcWarning
 
+pytestmark = pytest.mark.examples
+
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
 BENCHMARKS = ROOT / "benchmarks"

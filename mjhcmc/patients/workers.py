@@ -186,7 +186,8 @@ def on_cluster(address: str) -> Iterator[Runner]:
     with _silent("distributed", "distributed.client"):
         try:
             client = connect(address, timeout=CONNECT)
-        except (OSError, ValueError, RuntimeError, TypeError) as error:
+        except (OSError, ValueError, RuntimeError, TypeError, AssertionError) as error:
+            # the last is dask's where its own loop does not start in time
             raise SettingsError(
                 f"cluster {address!r}: no dask scheduler answers there: check the address, or start one (dask "
                 "scheduler), or leave the cluster out"
